@@ -1,4 +1,4 @@
-"""What an action means: one table of action modes, each a list of channels with their authority."""
+"""Action modes: a table of modes, each a list of channels with their authority."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -19,26 +19,26 @@ from spidar_gym.state import Command, Residual
 
 
 def wrench_authority(robot: RobotSpec) -> np.ndarray:
-    """Force of 15 % of the weight [N] and torque [Nm] per axis of the wrench residual."""
+    """Return the largest wrench residual per axis: a force of 15 % of the weight [N], a torque of 8 Nm."""
     return np.array([0.15 * robot.weight] * 3 + [8.0] * 3)
 
 
 WRENCH_AUTHORITY = wrench_authority(ROBOT)
-"""That of the nominal robot."""
+"""Largest wrench residual of the nominal robot."""
 JOINT_AUTHORITY = 0.1
-"""Offset of a joint target [rad]."""
+"""Largest offset of a joint target [rad]."""
 SPEED_AUTHORITY = 0.5
-"""Relative change of the planned joint speed."""
+"""Largest relative change of the planned joint speed."""
 FORCE_AUTHORITY = 5.0
-"""Force per axis and rotor after the allocation [N]."""
+"""Largest force per axis and rotor, added after the allocation [N]."""
 GAIT_AUTHORITY = 0.5
-"""Relative change of raise angle, stride and lift height."""
+"""Largest relative change of raise angle, stride and lift height."""
 LEG_AUTHORITY = 8.0
-"""Force per axis and leg after the allocation [N]."""
+"""Largest force per axis and leg, added after the allocation [N]."""
 
 
 def authorities(robot: RobotSpec) -> dict[str, ArrayLike]:
-    """Channel → what an action of 1 adds, one number for all entries or one for each; in the order of the core."""
+    """Return what an action of 1 adds, by channel in the core's order: one number for all entries or one for each."""
     return {
         "wrench": wrench_authority(robot),
         "joint_offset": JOINT_AUTHORITY,
@@ -50,19 +50,19 @@ def authorities(robot: RobotSpec) -> dict[str, ArrayLike]:
 
 
 AUTHORITIES = authorities(ROBOT)
-"""Those of the nominal robot."""
+"""Authorities of the nominal robot."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A run of action entries with one meaning."""
+    """Consecutive entries of an action with one meaning."""
 
     name: str
-    """What it is called."""
+    """Name."""
     size: int
-    """How many entries."""
+    """Number of entries."""
     authority: str
-    """What −1 … 1 becomes, with unit."""
+    """Range that −1 … 1 is scaled to, with unit."""
 
 
 JOINTS = Channel("joint_offset", N_JOINTS, f"± {JOINT_AUTHORITY:g} rad on the joint targets q₁ … q₁₆")
@@ -75,7 +75,7 @@ GAIT = Channel(
 LEG_FORCES = Channel(
     "leg_forces",
     3 * N_LEGS,
-    f"± {LEG_AUTHORITY:g} N on each leg's rotor forces together, torso axes x, y, z of leg 0 …",
+    f"± {LEG_AUTHORITY:g} N on the sum of each leg's rotor forces, torso axes x, y, z of leg 0 …",
 )
 FORCES = Channel("forces", 3 * N_ROTORS, f"± {FORCE_AUTHORITY:g} N on each rotor force, link axes x, y, z of rotor 1 …")
 
@@ -116,24 +116,24 @@ def _gait_force(action: np.ndarray) -> Residual:
 
 @dataclass(frozen=True)
 class ActionMode:
-    """Channels of an action and how they reach the controller."""
+    """Channels of an action and their mapping to the controller's residual."""
 
     channels: tuple[Channel, ...]
-    """In the order of the action's entries."""
+    """Channels in the order of the action's entries."""
     residual: Callable[[np.ndarray], Residual] | None
-    """Action → residual; None where there is no controller."""
+    """Mapping from action to residual; None without a controller."""
     doc: str
-    """What the mode is for."""
+    """Description of the mode."""
 
     @property
     def size(self) -> int:
-        """Length of the action."""
+        """Number of entries of an action."""
         return sum(channel.size for channel in self.channels)
 
 
 @lru_cache(maxsize=64)
 def action_modes(robot: RobotSpec) -> dict[str, ActionMode]:
-    """Action modes by name. All zero is exactly the paper's controller, in every mode but `direct`."""
+    """Return the action modes by name. A zero action is exactly the controller's command, except in `direct`."""
     force, *_, torque = wrench_authority(robot)
     wrench = Channel("wrench", 6, f"± {force:.1f} N and ± {torque:g} Nm on the desired wrench, torso axes")
     quarter = "π/2" if robot.joint_limit == ROBOT.joint_limit else f"{robot.joint_limit:g}"
@@ -142,7 +142,9 @@ def action_modes(robot: RobotSpec) -> dict[str, ActionMode]:
             (wrench,), partial(_wrench, robot=robot), "added before the allocation; its constraints hold"
         ),
         "residual_joint": ActionMode((JOINTS, SPEED), _joint, "shapes the joint motion"),
-        "residual": ActionMode((wrench, JOINTS, SPEED), partial(_both, robot=robot), "both of them"),
+        "residual": ActionMode(
+            (wrench, JOINTS, SPEED), partial(_both, robot=robot), "`residual_wrench` and `residual_joint` together"
+        ),
         "residual_force": ActionMode(
             (FORCES,), _force,
             "added after the allocation, then moved to the nearest point of [Zhao2025, Eq. 12, 13, 30-32] and the "
@@ -156,38 +158,38 @@ def action_modes(robot: RobotSpec) -> dict[str, ActionMode]:
                 Channel("joint_target", N_JOINTS, f"q = {quarter} a rad, slewed by the servos"),
             ),
             None,
-            "no controller at all",
+            "commands without any controller",
         ),
     }  # fmt: skip
 
 
 ACTION_MODES = action_modes(ROBOT)
-"""Those of the nominal robot."""
+"""Action modes of the nominal robot."""
 
 
 def crawl_modes(robot: RobotSpec) -> dict[str, ActionMode]:
-    """Action modes of the crawl. All zero is exactly the crawler, in every mode but `direct`."""
+    """Return the action modes of the crawl. A zero action is exactly the crawler's command, except in `direct`."""
     return {
         **action_modes(robot),
         "residual_gait": ActionMode((GAIT,), _gait, "shapes the gait"),
         "residual_gait_force": ActionMode(
-            (GAIT, LEG_FORCES), _gait_force, "shapes the gait and pulls at the legs; as `residual_force` does, by leg"
+            (GAIT, LEG_FORCES), _gait_force, "shapes the gait and adds forces to legs, as `residual_force` to rotors"
         ),
     }
 
 
 CRAWL_MODES = crawl_modes(ROBOT)
-"""Those of the nominal robot."""
+"""Action modes of the crawl for the nominal robot."""
 
 
 def find_action_mode(name: str, modes: Mapping[str, ActionMode] = ACTION_MODES) -> ActionMode:
-    """Mode by name (`UnknownNameError` lists the valid ones)."""
+    """Return a mode by name (`UnknownNameError` lists the valid ones)."""
     require_name("action mode", name, modes)
     return modes[name]
 
 
 def direct_command(action: np.ndarray, vectoring: np.ndarray, robot: RobotSpec = ROBOT) -> Command:
-    """Command of a `direct` action; the angles turn the short way round from the present `vectoring` (8, 2) [rad]."""
+    """Return the command of a `direct` action; angles turn the short way from the current `vectoring` (8, 2) [rad]."""
     thrust, angles, joints = np.split(action, (N_ROTORS, 3 * N_ROTORS))
     wanted = np.pi * angles.reshape(2, N_ROTORS).T
     way = np.remainder(wanted - vectoring + np.pi, 2.0 * np.pi) - np.pi
@@ -200,9 +202,9 @@ def direct_command(action: np.ndarray, vectoring: np.ndarray, robot: RobotSpec =
 
 
 def act_directly(controller: FlightControl | CrawlControl, action: np.ndarray) -> tuple[Command, JointVector]:
-    """The command of an action that no controller stands behind, and the rate of its setpoints [rad/s].
+    """Return the command of a `direct` action and the rate of its joint setpoints [rad/s].
 
-    The controller is told what the servos' slew limit makes of it within this tick.
+    Set the controller's last command to the setpoints that the servos reach within this tick at their slew limit.
     """
     memory = controller.memory
     reach = controller.config.joint_speed / CONTROL_RATE
@@ -214,7 +216,7 @@ def act_directly(controller: FlightControl | CrawlControl, action: np.ndarray) -
 
 _WAYPOINT = ActionMode(
     (
-        Channel("flies", 1, "above 0 in the air, else on the floor"),
+        Channel("flies", 1, "target in the air if above 0, else on the floor"),
         Channel("way", 2, f"± {WAY:g} m from the torso, world axes x, y; the target stays inside the field"),
         Channel("height", 1, f"of the CoG in the air, 0 … {CEILING:g} m"),
         Channel("heading", 1, "on the floor, ± π rad"),
@@ -223,16 +225,16 @@ _WAYPOINT = ActionMode(
         Channel("sweep", 1, f"front legs to the front and hind legs to the back, ± {SWEEP:g} rad"),
     ),
     None,
-    "a target every 0.5 s, which a pilot has the manager of both gaits follow",
+    "a target every 0.5 s, which the pilot and the manager of flight and crawl follow",
 )
 
 
 def course_modes(robot: RobotSpec) -> dict[str, ActionMode]:
-    """Action modes of the course."""
+    """Return the action modes of the course."""
     modes = action_modes(robot)
-    words = "both of them, on the manager, whom a rule tells where to go"
+    words = "wrench and joint residuals on the manager, which follows the targets of a rule"
     return {"waypoint": _WAYPOINT, "residual": replace(modes["residual"], doc=words), "direct": modes["direct"]}
 
 
 COURSE_MODES = course_modes(ROBOT)
-"""Those of the nominal robot."""
+"""Action modes of the course for the nominal robot."""

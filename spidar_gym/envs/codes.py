@@ -1,4 +1,4 @@
-"""Words of `info` as numbers, by a wrapper: for clients that make tensors of everything, with the vector's codes."""
+"""Wrapper that encodes the words of `info` as numbers, with the vector's codes, for clients that need tensors."""
 
 from typing import Any
 
@@ -12,29 +12,29 @@ from spidar_gym.errors import InvalidValueError, require_name
 
 
 class Coded(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray], RecordConstructorArgs):
-    """Tells numbers in place of words, as the native vector does: `qp_status_code`, `failure_code`, in the crawl more.
+    """Replaces words in `info` by codes, as in the native vector: `qp_status_code`, `failure_code`, in the crawl more.
 
-    Gymnasium's `NumpyToTorch`, `JaxToTorch` and `ArrayConversion` have no tensor for a word: that of a single
-    environment is lost in them, those of a vector are an error. Around this wrapper they find numbers and arrays alone.
+    Gymnasium's `NumpyToTorch`, `JaxToTorch` and `ArrayConversion` cannot convert strings: they drop those of a single
+    environment and fail on those of a vector. Inside them, this wrapper leaves only numbers and arrays in `info`.
     """
 
     def __init__(self, env: gymnasium.Env[Any, np.ndarray]) -> None:
-        """Take an environment of this package, wrapped or not (`InvalidValueError` for another)."""
+        """Wrap an environment of this package, wrapped or not (`InvalidValueError` for another)."""
         RecordConstructorArgs.__init__(self)
         super().__init__(env)
         inner = env.unwrapped
         if not isinstance(inner, SpidarEnv):
             raise InvalidValueError("env", inner, "an environment of spidar_gym, wrapped or not")
         self.words = words_of(inner.failures, inner.words)
-        """What numbers mean, by the word's name in `info`: −1 is none, in `shortfalls` bit k is the k-th."""
+        """Words by code, for each name in `info`: −1 is none; in `shortfalls`, bit k is the k-th word."""
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """As of the environment."""
+        """Reset the environment and encode `info`."""
         observation, info = self.env.reset(seed=seed, options=options)
         return observation, self._coded(info)
 
     def step(self, action: np.ndarray) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """As of the environment."""
+        """Step the environment and encode `info`."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         return observation, reward, terminated, truncated, self._coded(info)
 
@@ -48,7 +48,7 @@ class Coded(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray], RecordConstruct
         return found
 
     def _code(self, name: str, value: str) -> int:
-        """Number of what is said (`UnknownNameError` for a word that the environment does not list)."""
+        """Return the code of a word (`UnknownNameError` for a word that the environment does not list)."""
         require_name("word of info", name, self.words)
         words = self.words[name]
         if name in SETS:

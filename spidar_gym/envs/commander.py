@@ -1,4 +1,4 @@
-"""Controllers in Python in the place of the core: they command the only robot of a fleet, and see it their way."""
+"""Python controllers in place of the core: commands, estimates and observations of a fleet's only robot."""
 
 import math
 from abc import ABC, abstractmethod
@@ -46,29 +46,29 @@ _NO_JOINTS = np.zeros(N_JOINTS)
 
 
 class Commander(ABC):
-    """A controller in Python: at every step it acts, looks at what came of it, and says what a policy sees.
+    """Runs a Python controller: computes commands, processes the resulting state, and builds observations.
 
-    What others are to know of it (commands, allocation, phase of the gait), it writes where the core has it.
+    Commands, allocation and gait phase are written into the engine's record, where the core writes them too.
     """
 
     controller: Any
-    """Who controls."""
+    """The Python controller."""
 
     def __init__(self, fleet: Fleet, plant: Plant, mode: ActionMode, bound: np.ndarray) -> None:
-        """Take over the only robot of a fleet whose rules say that it is commanded.
+        """Attach to the only robot of a fleet whose rules have `is_commanded` set.
 
         Args:
-            fleet: It.
-            plant: The same as simulated.
-            mode: What the action means.
-            bound: Bounds of the observation, without the task's own fields.
+            fleet: The fleet.
+            plant: The robot's plant.
+            mode: Action mode.
+            bound: Bounds of the observation, without the task's fields.
         """
         self._fleet, self._plant, self._mode, self._bound = fleet, plant, mode, bound
         self.estimator = Estimator(robot=fleet.engine.robot)
         self.seen: RobotState | None = None
-        """What the controller sees: the true state, or the estimate where there are sensors."""
+        """State that the controller receives: the true state, or the estimate with sensors."""
         self.command: Command | None = None
-        """The last one; None before the first step."""
+        """Last command; None before the first step."""
 
     @property
     def _record(self) -> Any:  # noqa: ANN401 - a record of the engine
@@ -76,16 +76,16 @@ class Commander(ABC):
 
     @property
     def _action(self) -> np.ndarray:
-        """The last action, within [−1, 1]."""
+        """Last action in [−1, 1]."""
         return self._record["episode"]["action"][: self._mode.size]
 
     def begin(self) -> None:
-        """Go on where the engine has begun an episode."""
+        """Start an episode that the engine has begun."""
         self.command = None
         self._begin()
 
     def _sense_first(self) -> RobotState:
-        """What is seen of the first state."""
+        """Return the controller's first state: the true one, or the first estimate."""
         state = self._plant.state()
         if self._record["plant"]["senses"]:
             first = self._plant.measure()
@@ -98,18 +98,18 @@ class Commander(ABC):
         record, self.seen = self._record, state
         if record["plant"]["senses"]:
             fill(record["episode"]["seen"], state)
-        else:  # all of the true state at once
+        else:  # copy the whole true state at once
             record["episode"]["seen"] = record["plant"]["state"]
         return state
 
     def act(self) -> None:
-        """Command the next control period."""
+        """Compute the command of the next control period."""
         action = np.minimum(np.maximum(self._fleet.actions[0], -1.0), 1.0)
         self.command = command = self._act(action)
         fill(self._record["episode"]["command"], command)
 
     def look(self) -> None:
-        """Look at what came of it; where an episode has begun, at how it begins."""
+        """Process the state after a control period, or the first state of an episode."""
         begins = bool(self._fleet.begun[0])
         if self._record["plant"]["diverged"]:
             return
@@ -121,29 +121,29 @@ class Commander(ABC):
             self._see(state)
         self._take_note(begins=begins)
 
-    def _take_note(self, *, begins: bool) -> None:  # noqa: B027 - a crawler has its own memory of what it sees
-        """Make more of what is seen, where a controller does; `begins` is whether an episode has just begun."""
+    def _take_note(self, *, begins: bool) -> None:  # noqa: B027 - optional
+        """Update what the controller derives from the state; `begins` is whether an episode has just begun."""
 
     def observe(self) -> None:
-        """Write what a policy sees."""
+        """Write the observation into the fleet's array."""
         if not self._record["plant"]["diverged"]:
             self._fleet.observations[0, : len(self._bound)] = self._observation()
 
     @abstractmethod
     def _begin(self) -> None:
-        """Put the controller at the start of an episode."""
+        """Reset the controller for an episode."""
 
     @abstractmethod
     def _act(self, action: np.ndarray) -> Command:
-        """The command of a control period."""
+        """Return the command of a control period."""
 
     @abstractmethod
     def _observation(self) -> np.ndarray:
-        """What a policy sees, in the order of the environment's layout."""
+        """Return the observation in the order of the environment's layout."""
 
 
 def _write_allocation(record: Any, allocation: Allocation | None) -> None:  # noqa: ANN401 - a record of the core
-    """Write what was allocated last into a controller's record."""
+    """Write the last allocation into a controller's record."""
     record["ticked"] = allocation is not None
     if allocation is not None:
         own = record["allocation"]
@@ -153,26 +153,26 @@ def _write_allocation(record: Any, allocation: Allocation | None) -> None:  # no
 
 
 class FlightCommander(Commander):
-    """A flight controller, the paper's or another one."""
+    """Runs a flight controller, the paper's or a custom one."""
 
     def __init__(
         self, controller: FlightControl, fleet: Fleet, plant: Plant, mode: ActionMode, bound: np.ndarray, *,
         is_described: bool,
     ) -> None:  # fmt: skip
-        """Take over; arguments as of `Commander`; `is_described` is whether a hover needs no trim."""
+        """Attach to a robot; arguments as for `Commander`; `is_described` is whether a hover needs no trim."""
         super().__init__(fleet, plant, mode, bound)
         self.controller, self._is_described = controller, is_described
         self.control_state: ControlState | None = None
-        """What the controller makes of what it sees."""
+        """Control state computed from `seen`."""
         self.truth: ControlState | None = None
-        """What it would make of the true state."""
+        """Control state computed from the true state."""
         self._joint_velocity: JointVector = _NO_JOINTS
         self._leg_momentum: Vector3 = _STILL
         self._leg_momentum_rate: Vector3 = _STILL
         self._reference: tuple[bytes, Reference] | None = None
 
     def reference(self) -> Reference:
-        """What the controller is to do now."""
+        """Return the controller's current reference."""
         record = self._record["reference"]
         if self._reference is None or self._reference[0] != record.tobytes():
             self._reference = record.tobytes(), read_reference(record)
@@ -185,16 +185,16 @@ class FlightCommander(Commander):
         R_wb, place = exp(record["rotation"]), self._fleet.rules["position_w"]
         if path is not None:
             place, yaw = path.pose_w[0, :3], float(path.pose_w[0, 3])
-            R_wb = R_wb if yaw == 0.0 else exp(np.array([0.0, 0.0, yaw])) @ R_wb  # it looks where its path begins to
+            R_wb = R_wb if yaw == 0.0 else exp(np.array([0.0, 0.0, yaw])) @ R_wb  # heading at the beginning of the path
         vectoring = controller.rest_vectoring(q)
         com_b = controller.model.snapshot(q, R_wb, vectoring).com_b
         position_w = place + record["offset"] - R_wb @ com_b
-        # The start is the CoG's, and legs and rotors are at rest: so the torso's origin moves by ω × less.
+        # `velocity` is the CoG's, and legs and rotors are at rest: the torso's origin moves slower by ω × com_b.
         motion = np.concatenate((record["velocity"] - R_wb @ np.cross(record["omega"], com_b), record["omega"]))
         thrust = np.full(N_ROTORS, self._fleet.engine.robot.hover_thrust)
         self._plant.place(position_w, matrix_to_quat(R_wb), q, vectoring, thrust, motion)
         seen = self._sense_first()
-        # A robot off its description has hovered before the episode begins: its integrals hold what that takes.
+        # A robot that differs from its description starts as after hovering: the integrals hold the required wrench.
         given, trim = bool(record["is_given"] and record["has_trim"]), None
         if not given and not self._is_described:
             record["trim"] = self.compute_trim()
@@ -206,7 +206,7 @@ class FlightCommander(Commander):
         self._tell()
 
     def compute_trim(self) -> np.ndarray:
-        """Wrench in {CoG} that the real robot needs at rest beyond what its description needs [N, Nm]."""
+        """Compute the wrench in {CoG} that the simulated robot needs at rest beyond the described one [N, Nm]."""
         return compute_trim(self.controller, self._plant, self.reference())
 
     def _act(self, action: np.ndarray) -> Command:
@@ -221,7 +221,7 @@ class FlightCommander(Commander):
         return command
 
     def _tell(self) -> None:
-        """Write what was commanded and allocated where the core has it."""
+        """Write the allocation and the controller's memory into the engine's record."""
         flight, last, memory = self._record["flight"], self.controller.last_step, self.controller.memory
         _write_allocation(flight, None if last is None else last.allocation)
         flight["memory"]["vectoring"] = np.reshape(memory.vectoring, -1)
@@ -238,7 +238,7 @@ class FlightCommander(Commander):
         self.truth = truth
         quat = reference.quat_wb
         R_error = truth.R_wb.T @ quat_to_matrix(quat) if quat[1:].any() else truth.R_wb.T
-        # The CoG is the one that the description gives at the true state.
+        # The CoG is computed from the described robot at the true state.
         self._record["position_error"], self._record["attitude_error"] = truth.error.position_w, log(R_error)
         if not begins:
             before = self._leg_momentum
@@ -270,12 +270,12 @@ class FlightCommander(Commander):
 
 
 def compute_trim(controller: FlightControl, plant: Plant, reference: Reference) -> np.ndarray:
-    """Wrench in {CoG} that a real robot needs at rest beyond what its description needs [N, Nm].
+    """Compute the wrench in {CoG} that the simulated robot needs at rest beyond the described one [N, Nm].
 
     Args:
-        controller: What knows the description.
-        plant: The real robot.
-        reference: Where it is to be.
+        controller: Controller with the described robot's model.
+        plant: The simulated robot.
+        reference: Reference of the hover.
     """
     state = plant.state()
     control_state = controller.compute_state(state, reference)
@@ -291,12 +291,12 @@ def compute_trim(controller: FlightControl, plant: Plant, reference: Reference) 
 
 
 class CrawlCommander(Commander):
-    """A crawler, the paper's or another one."""
+    """Runs a crawler, the paper's or a custom one."""
 
     def __init__(
         self, controller: CrawlControl, fleet: Fleet, plant: Plant, mode: ActionMode, bound: np.ndarray, gait: type
     ) -> None:
-        """Take over; arguments as of `Commander`; `gait` is the crawler's phase machine."""
+        """Attach to a robot; arguments as for `Commander`; `gait` is the class of the crawler's phase machine."""
         super().__init__(fleet, plant, mode, bound)
         self.controller, self._gait = controller, gait
 
@@ -318,7 +318,7 @@ class CrawlCommander(Commander):
         return command
 
     def _tell(self) -> None:
-        """Write what was allocated, and how far the gait is, where the core has it."""
+        """Write the allocation and the state of the gait into the engine's record."""
         record, last, gait = self._record, self.controller.last_step, self.controller.gait
         _write_allocation(record["crawl"], None if last is None else last.allocation)
         record["phase"], record["timeouts"] = PHASES.index(gait.phase), gait.timeouts
@@ -329,7 +329,7 @@ class CrawlCommander(Commander):
         record["crawl"]["memory"]["mode"] = PROGRAMS.index(mode) if mode in PROGRAMS else 0
 
     def _take_note(self, *, begins: bool) -> None:
-        """Measure the distance as rows of crawlers in Python were made: Python's `hypot` and C's differ in a bit."""
+        """Recompute the distance with Python's `hypot`, as committed rows did: C's differs in the last bit."""
         record = self._record
         x, y, yaw = record["error"].tolist()
         record["distance"] = math.hypot(x, y) + TURN_LENGTH * abs(yaw)
@@ -344,24 +344,34 @@ class CrawlCommander(Commander):
 
 
 class CourseCommander(Commander):
-    """A manager of both gaits, and the pilot that tells it where to go."""
+    """Runs a manager of flight and crawl, and the pilot that commands it."""
 
     def __init__(
         self, controller: Manager, fleet: Fleet, plant: Plant, mode: ActionMode, bound: np.ndarray, *,
         is_waypoint: bool, decide: int,
     ) -> None:  # fmt: skip
-        """Take over; arguments as of `Commander`; whether an action is a target, and control periods between two."""
+        """Attach to a robot.
+
+        Args:
+            controller: The manager.
+            fleet: As for `Commander`.
+            plant: As for `Commander`.
+            mode: As for `Commander`.
+            bound: As for `Commander`.
+            is_waypoint: Whether an action is a target.
+            decide: Control periods between targets.
+        """
         super().__init__(fleet, plant, mode, bound)
         self.controller, self.pilot = controller, Pilot(controller)
         self._is_waypoint, self._decide = is_waypoint, decide
 
     @property
     def course(self) -> Course:
-        """What the map shows."""
+        """Course of the episode, as on the map."""
         return read_course(self._record["course"])
 
     def rule(self) -> Target:
-        """Where the rule would go from here."""
+        """Return the rule's target for the current state."""
         seen = self.seen
         assert seen is not None
         return course_rule(self.course, seen.position_w, seen.joint_position, self.controller.phase)
@@ -384,7 +394,7 @@ class CourseCommander(Commander):
         return command
 
     def _tell(self) -> None:
-        """Write what was allocated, and the phase, where the core has it."""
+        """Write the allocation and the phase into the engine's record."""
         record, manager = self._record["manager"], self.controller
         self._record["phase"] = orders.PHASES.index(manager.phase)
         for name in ("flight", "crawl"):

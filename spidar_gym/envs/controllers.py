@@ -1,4 +1,4 @@
-"""Who controls: the one place that knows readable and compiled controllers apart."""
+"""Factory of controllers: the only module that distinguishes Python controllers from the compiled core."""
 
 from collections.abc import Callable
 
@@ -20,7 +20,7 @@ from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.state import Reference
 
 CONTROLS = ("python", "core")
-"""Who controls: the readable controller, or the compiled core of the robot."""
+"""Implementations of the controller: the Python controller, or the compiled core."""
 
 
 def make_flight_controller(
@@ -32,20 +32,20 @@ def make_flight_controller(
     preview: Callable[[float], Reference] | None = None,
     robot: RobotSpec = ROBOT,
 ) -> FlightControl:
-    """A flight controller.
+    """Make a flight controller.
 
     Args:
         config: Allocation, gains, compensations.
         control: One of `CONTROLS`.
         allocator: A subclass of `Allocator` in place of the QP; the compiled core has its own.
         law: A subclass of `FlightController` in place of the paper's; the compiled core has its own.
-        fleet: Robots in the engine, of which the first one's controller is looked at.
-        preview: What a law is told of what comes: seconds ahead → reference.
-        robot: Whose model it has.
+        fleet: Robots in the engine; with the core, the returned controller is a view of the first robot's.
+        preview: Function that a custom law can call: seconds ahead → reference.
+        robot: Robot of the controller's model.
 
     Raises:
         UnknownNameError: For a control that does not exist; it lists the valid ones.
-        InvalidValueError: For an allocator or a law that is none, or one for the compiled core.
+        InvalidValueError: For an allocator or a law of another class, or one with the compiled core.
         MissingDependencyError: When the core is not compiled.
     """
     if choose_control(control, allocator, law) == "python":
@@ -60,22 +60,22 @@ def make_flight_controller(
 
 
 def choose_control(control: str | None, allocator: type[Allocator] | None = None, law: type | None = None) -> str:
-    """Who controls a flight: what was chosen, or by default the core unless it has to ask code of one's own.
+    """Return the implementation of a flight controller: the given one, by default the core unless there is custom code.
 
     Raises:
         UnknownNameError: For a control that does not exist; it lists the valid ones.
-        InvalidValueError: For an allocator or a law that is none, or one for the compiled core.
+        InvalidValueError: For an allocator or a law of another class, or one with the compiled core.
     """
     return _choose(control, allocator=(allocator, Allocator), law=(law, FlightController))
 
 
 def choose_crawl_control(control: str | None, law: type | None = None) -> str:
-    """Who controls a crawl, likewise."""
+    """Return the implementation of a crawler, as `choose_control` does."""
     return _choose(control, law=(law, Crawler))
 
 
 def _choose(control: str | None, **own: tuple[object, type]) -> str:
-    """Refuse what is no subclass of what it has to be."""
+    """Check that custom classes are subclasses of their bases, and choose the implementation."""
     given = {name: pair for name, pair in own.items() if pair[0] is not None}
     if control is None:
         control = "python" if given else "core"
@@ -91,7 +91,7 @@ def _choose(control: str | None, **own: tuple[object, type]) -> str:
 def make_crawler(
     config: CrawlerConfig, control: str, law: type | None = None, fleet: Fleet | None = None
 ) -> CrawlControl:
-    """A crawler, or the first one's in the engine; arguments and errors as of `make_flight_controller`."""
+    """Make a crawler; arguments and errors as for `make_flight_controller`."""
     if choose_crawl_control(control, law) == "python":
         return (law or Crawler)(config)
     if fleet is None:
@@ -100,12 +100,18 @@ def make_crawler(
 
 
 def gait_type(law: type | None) -> type[Gait]:
-    """The phase machine of a crawler of one's own, or the paper's."""
+    """Return the class of the phase machine of a custom crawler, or of the paper's."""
     return (law or Crawler).gait_type
 
 
 def make_manager(config: ManagerConfig, control: str, fleet: Fleet | None = None) -> Manager | CoreManager:
-    """A manager of both gaits, or the first one's in the engine; `control` is one of `CONTROLS`."""
+    """Make a manager of flight and crawl; with the core and a fleet it is a view of the first robot's.
+
+    Args:
+        config: Both controllers and the transitions between them.
+        control: One of `CONTROLS`.
+        fleet: Robots in the engine.
+    """
     require_name("control", control, CONTROLS)
     if control == "python":
         return Manager(config)
@@ -115,11 +121,11 @@ def make_manager(config: ManagerConfig, control: str, fleet: Fleet | None = None
 
 
 def is_compiled(control: str) -> bool:
-    """Whether the core of the robot controls."""
+    """Return whether the compiled core controls the robot."""
     return control == "core"
 
 
 def forget(controller: FlightControl | CrawlControl | Orders) -> None:
-    """Let a controller that looks at one in the engine read anew what is asked of it: a tick has passed."""
+    """Clear the values that a view of an engine's controller has cached, after a tick."""
     if isinstance(controller, Core):
         controller.forget()

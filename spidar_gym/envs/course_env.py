@@ -1,4 +1,4 @@
-"""The course environment: both ways of moving, by targets, on top of a rule, or without any controller."""
+"""The course environment: flight and crawl by targets, by residuals on a rule's commands, or without a controller."""
 
 from dataclasses import replace
 from types import MappingProxyType
@@ -40,7 +40,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
     reset_options = ("course", "disturbances")
     task_type = CourseTask
     words = MappingProxyType({"phase": PHASES})
-    no_goal = "its goal is a part of the course, which the observation tells"
+    no_goal = "its goal is a part of the course, which is observed"
     true_fields = (
         Field("goal_error", 3, 5.0, "m, m, rad", "goal − torso: x, y in the world, yaw"),
         Field("hit_n", 1, 100.0, "N", "largest force of the step on ducts and links"),
@@ -58,23 +58,23 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         hold: int | None = None,
         **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
     ) -> None:
-        """Build the task and who carries it out.
+        """Build the task and the controllers.
 
         Args:
-            action_mode: What the action means.
-            preset: Which controller flies.
-            gait: Which crawler crawls.
-            manager: Both, and how they give way to each other, in place of presets; the task's joint speeds go before
-                its own.
-            control: `core`, the manager that is compiled for the robot, or `python`, the readable one.
-            hold: Control periods of 25 ms that a step takes: 20 by default with `waypoint`, which is read every 20th
-                anyway, and 1 with the others.
+            action_mode: Name of the action mode.
+            preset: Name of the flight controller.
+            gait: Name of the crawler.
+            manager: Custom configuration of both controllers and the transitions between them, in place of presets;
+                the task's joint speeds override those in it.
+            control: `core`, the manager that is compiled for the robot, or `python`, the Python manager.
+            hold: Control periods of 25 ms per step: 20 by default with `waypoint`, whose targets are read every 20
+                periods, and 1 with the others.
             **options: Arguments of the task and of `SpidarEnv`.
 
         Raises:
             UnknownNameError: For a mode, preset or camera that does not exist; it lists the valid ones.
             UnknownArgumentError: For an argument that does not exist, likewise.
-            InvalidValueError: For a value out of range, a course that nobody can go, a goal that nobody can reach.
+            InvalidValueError: For a value out of range, a course that is impassable, a goal that is out of reach.
         """
         if "course" in options:
             options["course"] = parse_course(options["course"])
@@ -102,7 +102,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         robot = own_robot(shared.pop("plant", None), described)
         if robot.ground.uneven or robot.ground.boxed or robot.ground.slope:
             raise InvalidValueError("plant", "a floor of its own", "an even one: the course is built on it")
-        # A floor with boxes has to be one from the beginning; which they are is drawn at every reset.
+        # The model needs a floor with boxes from the start; each reset sets their sizes and positions.
         robot = replace(robot, ground=_built(task.draw_course(np.random.Generator(np.random.PCG64(0)))))
         super().__init__(
             mode, course_layout(mode.size, described), task=task, joint_speed=max(task.joint_speed, task.crawl_speed),
@@ -123,25 +123,25 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
 
     @property
     def course(self) -> Course:
-        """What the map tells (`SpidarError` before the first reset)."""
+        """Course of the episode, as on the map (`SpidarError` before the first reset)."""
         return self._known("course")
 
     @property
     @in_turn
     def target(self) -> Target | None:
-        """What the pilot follows, if anything."""
+        """Target that the pilot follows, or None."""
         commander = self._commander
         if isinstance(commander, CourseCommander):
             return commander.pilot.last
         return read_target(self.fleet.robots[0]["pilot"])
 
     def rule(self) -> Target:
-        """Where the rule would go from here."""
+        """Return the rule's target for the current state."""
         seen = self.seen
         return course_rule(self.course, seen.position_w, seen.joint_position, self.controller.phase)
 
     def rules(self, *, truncates: bool = False, autoreset: str = "disabled") -> np.ndarray:
-        """`sp_course_rules`."""
+        """Return the engine's rules, an `sp_course_rules`."""
         record = np.zeros((), engine_layouts()["course_rules"])
         fill(record["manager"], self._config)
         record["is_waypoint"], record["hold"] = self._is_waypoint, self.hold
@@ -161,7 +161,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
         rules: np.ndarray | None = None,
     ) -> Fleet:  # fmt: skip
-        """Robots of this environment in the engine, at no episode yet."""
+        """Make robots of this environment in the engine, before their first reset."""
         record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
         fleet = Fleet(self.task, record, self._nominal, robots, threads, alike=False)
         for robot in range(robots):
@@ -174,5 +174,5 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
 
 
 def _built(course: Course) -> GroundConfig:
-    """The floor with the boxes of a course."""
+    """Return the floor with the boxes of a course."""
     return with_boxes(GroundConfig(), boxes(course))

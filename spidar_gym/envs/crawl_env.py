@@ -1,4 +1,4 @@
-"""The crawl environment: the paper's gait and allocation on the ground, to which the action adds; a pose to reach."""
+"""The crawl environment: reach a pose on the floor with the paper's gait and allocation, plus the action's residual."""
 
 from dataclasses import replace
 from types import MappingProxyType
@@ -55,11 +55,12 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         """Build the task and its controller.
 
         Args:
-            action_mode: What the action means.
-            preset: Which crawler: gait, allocation, margins.
-            controller: A crawler of one's own in place of a preset; the task's joint speed goes before its own.
-            law: A gait or control law of one's own, a subclass of `Crawler`, in place of the paper's.
-            control: `core`, the crawler that is compiled for the robot, or `python`, the readable one; by default the
+            action_mode: Name of the action mode.
+            preset: Name of the crawler: gait, allocation, margins.
+            controller: Custom configuration of the crawler in place of a preset; the task's joint speed overrides its
+                own.
+            law: Custom gait or control law, a subclass of `Crawler`, in place of the paper's.
+            control: `core`, the crawler that is compiled for the robot, or `python`, the Python crawler; by default the
                 core, unless a law is given.
             max_iter: Iteration cap of the QP solver.
             **options: Arguments of the task and of `SpidarEnv`.
@@ -84,7 +85,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         robot = own_robot(shared.pop("plant", None), described)
         if task.friction is not None:
             robot = replace(robot, body=replace(robot.body, foot_friction=task.friction))
-        # A floor of tiles has to be one from the beginning; the heights are drawn at every reset.
+        # The model needs a floor of tiles from the start; each reset samples their heights.
         robot = replace(robot, ground=task.floor(robot.ground))
         super().__init__(
             mode, crawl_layout(mode.size, described), task=task, joint_speed=config.joint_speed, control=control,
@@ -101,11 +102,11 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
     @property
     @in_turn
     def way(self) -> tuple[float, float, float]:
-        """Where the goal is, seen from the start: x, y [m], yaw [rad]."""
+        """Goal relative to the start: x, y [m], yaw [rad]."""
         return self._known("way") if self._began else (0.0, 0.0, 0.0)
 
     def rules(self, *, truncates: bool = False, autoreset: str = "disabled") -> np.ndarray:
-        """`sp_crawl_rules`."""
+        """Return the engine's rules, an `sp_crawl_rules`."""
         record = np.zeros((), engine_layouts()["crawl_rules"])
         fill(record["controller"], self._config)
         record["lies"] = lying_pose(self._config.gait)
@@ -125,7 +126,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
         rules: np.ndarray | None = None,
     ) -> Fleet:  # fmt: skip
-        """Robots of this environment in the engine, at no episode yet."""
+        """Make robots of this environment in the engine, before their first reset."""
         task = self.task
         alike = not (self._randomization.draws or task.steps or task.obstacles or task.loads) and rules is None
         record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules

@@ -1,4 +1,4 @@
-"""The documentation page of an environment, rendered from the code that it documents."""
+"""Generator of the environments' documentation pages, from the code that they document."""
 
 import dataclasses
 import inspect
@@ -36,67 +36,67 @@ INFO = {
     "thrust_command, thrust": ("(8,)", "N", "λ commanded and delivered"),
     "vectoring_command, vectoring": ("(8, 2)", "rad", "(φ, θ) commanded and measured, unwrapped"),
     "joint_torque_allocated, joint_torque": ("(16,)", "Nm", "quasi-static torque of the allocation; servo torque"),
-    "wrench_allocated": ("(6,)", "N, Nm", "force and torque in {CoG} of rotors, and of feet where they carry"),
+    "wrench_allocated": ("(6,)", "N, Nm", "force and torque in {CoG} of the rotors and of the feet on the floor"),
     "total_thrust": ("float", "N", "Σλ delivered"),
-    "qp_status": ("str", "", "closed_form, solved, projected, softened, held; none where no allocation ran"),
+    "qp_status": ("str", "", "closed_form, solved, projected, softened, held; none if no allocation ran"),
     "qp_iterations": ("int", "", "solver iterations, 0 for the closed form"),
     "qp_slack": ("float", "", "largest violation of a softened row, in units of the weight or the torque limit"),
     "thrust_factor": ("(8,)", "", "thrust of each module over its thrust in still air"),
     "air_force": ("(3,)", "N", "force of the air besides the thrust in still air, world"),
     "power_w": ("float", "W", "electrical power"),
     "energy_wh": ("float", "Wh", "energy drawn since the reset"),
-    "endurance_min": ("float", "min", "how long the batteries last at the episode's mean power"),
-    "cost": ("float", "", "sum of the costs below: constraints that the step has violated, as safety-gymnasium has it"),
+    "endurance_min": ("float", "min", "endurance of the batteries at the episode's mean power"),
+    "cost": ("float", "", "sum of the costs below: constraints that the step has violated, as in safety-gymnasium"),
     "cost_contact": (
         "float",
         "",
-        "1 where something touches that had better not: in flight anything, else anything but feet and pegs",
+        "1 if a part touches something: any part in flight, else any but feet and pegs",
     ),
-    "cost_torque": ("float", "", f"1 where a joint servo is within {AT_LIMIT:g} Nm of its largest torque"),
-    "cost_duct": ("float", "", "1 where a duct touches the floor or a wall"),
-    "cost_blown": ("float", "", f"1 where what blows on a rotor leaves it less than {BLOWN_FACTOR:.0%} of its thrust"),
-    "randomization": ("dict", "", "drawn values by field of `PlantConfig`; empty without randomization"),
-    "reward_<term>": ("float", "", "each term of the reward, in [0, 1]"),
+    "cost_torque": ("float", "", f"1 if a joint servo is within {AT_LIMIT:g} Nm of its largest torque"),
+    "cost_duct": ("float", "", "1 if a duct touches the floor or a wall"),
+    "cost_blown": ("float", "", f"1 if jets reduce a rotor's thrust below {BLOWN_FACTOR:.0%} of that in still air"),
+    "randomization": ("dict", "", "sampled values by field of `PlantConfig`; empty without randomisation"),
+    "reward_<term>": ("float", "", "each reward term, in [0, 1]"),
     "is_success": ("bool", "", "see Episode End"),
-    "failure": ("str", "", "why the episode ended early, empty otherwise"),
+    "failure": ("str", "", "failure that ended the episode, else empty"),
 }
-"""Keys of `info` that every environment has → shape, unit, meaning. They are the same at every step, reset included."""
+"""Shape, unit and meaning of the keys of `info` that all environments have, at every step and reset."""
 
 
 @dataclass(frozen=True)
 class Chapter:
-    """What is an environment's own on its page."""
+    """Content of a page that is specific to an environment."""
 
     env: type[SpidarEnv]
-    """Its class."""
+    """Class of the environment."""
     task: Any
-    """Its task."""
+    """Class of the task."""
     modes: dict[str, ActionMode]
-    """Its action modes."""
+    """Action modes."""
     ranges: dict[str, tuple[float, float, str]]
-    """Least and largest number of the task's arguments, and their units."""
+    """Least and largest value of the task's arguments, and their units."""
     layout: Any
-    """Size of the action → layout of the observation."""
+    """Mapping from the size of the action to the layout of the observation."""
     info: dict[str, tuple[str, str, str]]
-    """More keys of `info`."""
+    """Additional keys of `info`."""
     start: str
     """Starting state."""
     success: str
-    """What `is_success` means."""
+    """Definition of `is_success`."""
     presets: list[str]
-    """Names of its controllers."""
+    """Names of the controllers."""
     controller: str
-    """What the argument `controller` is."""
+    """Class of the argument `controller`."""
     options: str
     """Options of `reset`, as a call."""
     trim: str
-    """What the controller knows of a drawn robot."""
-    zero: str = "All zero is exactly the preset in every\nmode but `direct`."
-    """What an action of zeros is."""
+    """Sentence about the controller's knowledge of a randomised robot."""
+    zero: str = "A zero action is exactly the preset's\ncommand in every mode but `direct`."
+    """Sentence about a zero action."""
     law: str = "FlightController"
-    """What the argument `law` is a subclass of."""
+    """Base class of the argument `law`."""
     step: str = f"One step is one control period of {1000 / CONTROL_RATE:g} ms."
-    """How long a step is."""
+    """Sentence about the length of a step."""
 
 
 HOVER_CHAPTER = Chapter(
@@ -112,87 +112,89 @@ HOVER_CHAPTER = Chapter(
         "restricted_rotors": ("(8,) bool", "", "rotors restricted by interference"),
     },
     "At rest in the first form of the sequence, rotors at hover thrust and upright, torso at the reference plus a\n"
-    "uniform offset of ± 3 cm and ± 0.05 rad per axis (times `perturbation`). The option `start` of `reset` gives\n"
-    "offset, forms with their deadlines and the integrals' preload instead, as the benchmark's scenarios do.",
+    "uniform offset of ± 3 cm and ± 0.05 rad per axis (times `perturbation`). The option `start` of `reset` sets\n"
+    "offset, forms with their deadlines and the integrals' initial values, as the benchmark's scenarios do.",
     f"`is_success`: the whole horizon flown, RMS errors below {hover_task.SUCCESS_POSITION:g} m and "
     f"{hover_task.SUCCESS_ATTITUDE:g} rad, every form reached within {hover_task.ARRIVAL_TOLERANCE:g} rad no later "
     f"than {hover_task.ARRIVAL_GRACE:g} s after its deadline.",
     list(PRESETS),
     "ControllerConfig",
     "{'forms': name, 'start': {...}, 'disturbances': {...}}",
-    "controller keeps the nominal numbers; its integrals start with what the drawn robot needs at rest.",
+    "controller keeps the nominal parameters; its integrals start with the wrench that the randomised robot needs at\n"
+    "rest.",
 )
-"""Path-v0 flies as Hover-v0 does: its chapter is this one with what is the path's own."""
+"""Chapter of Hover-v0; that of Path-v0 is derived from it."""
 
 CHAPTERS: dict[str, Chapter] = {
     "spidar_gym/Hover-v0": HOVER_CHAPTER,
     "spidar_gym/Path-v0": replace(
         HOVER_CHAPTER, env=PathEnv, task=path_task.PathTask, ranges=path_task.RANGES, layout=path_layout,
         start="At rest in the first form of the sequence, rotors at hover thrust and upright, torso at the beginning\n"
-        "of the path, turned as that begins, plus a uniform offset of ± 3 cm and ± 0.05 rad per axis (times\n"
-        "`perturbation`). The path leaves after a second. The option `start` of `reset` gives offset, forms with\n"
-        "their deadlines, the integrals' preload and the path's knots instead, as the benchmark's scenarios do.",
+        "of the path with its heading, plus a uniform offset of ± 3 cm and ± 0.05 rad per axis (times\n"
+        "`perturbation`). The path begins after a second. The option `start` of `reset` sets offset, forms with\n"
+        "their deadlines, the integrals' initial values and the path's knots, as the benchmark's scenarios do.",
     ),
     "spidar_gym/Crawl-v0": Chapter(
         CrawlEnv, crawl_task.CrawlTask, CRAWL_MODES, crawl_task.RANGES, crawl_layout,
         {
             "goal_error": ("(3,)", "m, m, rad", "goal − torso: x, y in the world, yaw; true state"),
             "phase": ("str", "", "phase of the gait"),
-            "finished": ("bool", "", "the gait has nothing left to do and thrust is off; in `direct`, see Episode End"),
-            "time_s, nominal_time_s": ("float", "s", "time so far, or until finished; what the preset needs by plan"),
-            "airborne_share": ("float", "", "share of its swing in which the worst foot was in the air"),
+            "finished": ("bool", "", "the gait is complete and thrust is off; in `direct`, see Episode End"),
+            "time_s, nominal_time_s": ("float", "s", "time so far, or until finished; the preset's planned time"),
+            "airborne_share": ("float", "", "share of its swing that the worst foot was in the air"),
             "foot_contact": ("(4,) bool", "", "feet that touch the floor"),
-            "foot_slip_m, peg_slip_m": ("float", "m", "way of the worst foot's, or peg's, touching point on the floor"),
+            "foot_slip_m, peg_slip_m": ("float", "m", "slip of the worst foot, or peg, on the floor"),
             "duct_clearance_m": ("float", "m", "least height of a duct over the floor so far"),
             "saturation_share": ("float", "", "share of joint-time within 0.01 Nm of the servo's limit"),
             "thrust_fraction": ("float", "", "commanded Σλ over the weight"),
-            "thrust_fraction_mean, thrust_fraction_peak": ("float", "", "its mean and largest value so far"),
+            "thrust_fraction_mean, thrust_fraction_peak": ("float", "", "mean and largest `thrust_fraction` so far"),
             "tilt_rad": ("float", "rad", "tilt of the torso against the floor"),
             "timeouts": ("int", "", "phases that ended by time-out"),
-            "cost_of_transport": ("float", "", "energy over weight times the way towards the goal"),
-            "shortfalls": ("str", "", "what is missing for `is_success`, in words"),
+            "cost_of_transport": ("float", "", "energy over weight times distance covered towards the goal"),
+            "shortfalls": ("str", "", "criteria of `is_success` that are not met"),
         },
-        "Torso on its pegs, feet at home on the floor, rotors off; with `steps` the robot lies where it has settled.",
-        f"`is_success`: the gait finished within {crawl_task.SUCCESS_TIME:g} times its nominal time, the torso within\n"
+        "Torso on its pegs, feet at home on the floor, rotors off; with `steps` the robot has settled on the tiles.",
+        f"`is_success`: the gait finishes within {crawl_task.SUCCESS_TIME:g} times its nominal time, the torso within\n"
         f"{1000 * crawl_task.SUCCESS_POSITION:g} mm and {crawl_task.SUCCESS_YAW:g} rad of the goal, every foot in the "
         f"air for {crawl_task.SUCCESS_AIRBORNE:.0%} of its swing, no phase\nended by time-out, no foot slid "
         f"{1000 * crawl_task.SUCCESS_SLIP:g} mm, no duct touched the floor.\n"
-        f"In `direct` no gait is stepped: a crawl is finished when the robot has lain on its pegs for "
-        f"{crawl_task.REST_TIME:g} s, so near\nthe goal, below {crawl_task.REST_SPEED:g} m/s, "
+        f"In `direct` there is no gait: a crawl is finished when the robot has lain on its pegs for "
+        f"{crawl_task.REST_TIME:g} s, that close to\nthe goal, below {crawl_task.REST_SPEED:g} m/s, "
         f"{crawl_task.REST_TURN:g} rad/s and {crawl_task.REST_JOINT_SPEED:g} rad/s of every joint, with less than "
         f"{crawl_task.REST_THRUST:.0%} of its\nweight commanded as thrust.",
         list(CRAWL_PRESETS), "CrawlerConfig", "{'disturbances': {...}}",
-        "controller keeps the nominal numbers.",
+        "controller keeps the nominal parameters.",
         law="Crawler",
     ),
     "spidar_gym/Course-v0": Chapter(
         CourseEnv, course_task.CourseTask, COURSE_MODES, course_task.RANGES, course_layout,
         {
             "goal_error": ("(3,)", "m, m, rad", "goal − torso: x, y in the world, yaw; true state"),
-            "distance_m": ("float", "m", "their distance, a radian counting 0.5 m"),
+            "distance_m": ("float", "m", "distance to the goal, a radian counting 0.5 m"),
             "time_s": ("float", "s", "time so far, or until the robot lay at the goal"),
-            "flown_s, crawled_s": ("float", "s", "time in the air, taking off and landing included; of crawling"),
-            "charge": ("float", "", "of the battery's usable energy"),
-            "hit_n, most_hit_n": ("float", "N", "largest force on ducts and links, of the step and so far"),
+            "flown_s, crawled_s": ("float", "s", "time in the air, with take-off and landing; time of crawling"),
+            "charge": ("float", "", "share of the battery's usable energy that is left"),
+            "hit_n, most_hit_n": ("float", "N", "largest force on ducts and links in the step, and so far"),
             "tilt_rad": ("float", "rad", "tilt of the torso"),
             "thrust_fraction": ("float", "", "commanded Σλ over the weight"),
-            "phase": ("str", "", f"of the manager: {', '.join(PHASES)}"),
-            "gate": ("int", "", "how many gates and floors are behind it"),
-            "lies": ("bool", "", "whether it lies on the floor at rest"),
-            "finished": ("bool", "", "whether it lies at the goal"),
+            "phase": ("str", "", f"phase of the manager: {', '.join(PHASES)}"),
+            "gate": ("int", "", "number of gates and floors behind the robot"),
+            "lies": ("bool", "", "whether the robot lies on the floor at rest"),
+            "finished": ("bool", "", "whether the robot lies at the goal"),
         },
-        "Torso on its pegs, feet at home on the floor, rotors off, at the origin and looking along the course, which\n"
-        "is drawn. The option `course` of `reset` gives one instead, as the benchmark's scenarios do.",
+        "Torso on its pegs, feet at home on the floor, rotors off, at the origin, heading along the course. The\n"
+        "course is sampled, or set by the option `course` of `reset`, as in the benchmark's scenarios.",
         f"`is_success`: the robot lies within {1000 * course_task.SUCCESS_POSITION:g} mm and "
         f"{course_task.SUCCESS_YAW:g} rad of the goal.",
         list(PRESETS), "ManagerConfig", "{'course': {...}, 'disturbances': {...}}",
-        "controller keeps the nominal numbers.",
-        "All zero is in `waypoint`\nto be on the floor here, in `residual` exactly what the rule does.",
+        "controller keeps the nominal parameters.",
+        "A zero action is in\n`waypoint` a target on the floor at the current position, in `residual` exactly the "
+        "rule's command.",
         f"With `waypoint` one step is {1000 * course_task.DECIDE / CONTROL_RATE:g} ms, else one control period of "
         f"{1000 / CONTROL_RATE:g} ms.",
     ),
 }  # fmt: skip
-"""Every environment's chapter by id."""
+"""Chapters of all environments by id."""
 
 
 def _action_rows(modes: dict[str, ActionMode]) -> Iterator[Sequence[str]]:
@@ -213,42 +215,42 @@ def _observation_rows(fields: tuple[Field, ...]) -> Iterator[Sequence[str]]:
 
 
 def _other_observations(own: Chapter) -> Iterator[str]:
-    """What else there is to observe, beside the flat numbers."""
+    """Yield the sections on the observations other than the flat vector."""
     goal = own.env.goal_type
-    yield "The argument `observation` chooses. `vector`, the default, is the above; the others are dictionaries."
+    yield "The argument `observation` selects `vector`, the above and the default, or one of these dictionaries."
     yield "### Goal"
     if goal is None:
         yield f"`goal` is refused: {own.env.no_goal}."
     else:
         left_out = ", ".join(f"`{name}`" for name in goal.left_out)
         yield (
-            "`goal` has `observation`, `achieved_goal` and `desired_goal`, as `gymnasium_robotics` has them, for\n"
-            "learners that say afterwards what the goal was (hindsight, HER). In `observation` are the numbers above\n"
-            f"without {left_out}. Both goals are true, whatever the sensors say:"
+            "`goal` has `observation`, `achieved_goal` and `desired_goal`, as in `gymnasium_robotics`, for hindsight\n"
+            "experience replay (HER). `observation` is the vector above without\n"
+            f"{left_out}. Both goals are computed from the true state, also with sensors:"
         )
         yield markdown_rows("entries | name | bound ± | unit | meaning", _observation_rows(goal.fields))
-        rewards = {"sparse": f"0 where {goal.reach}, −1 elsewhere", "dense": f"− {goal.far}"}
+        rewards = {"sparse": f"0 if {goal.reach}, else −1", "dense": f"− {goal.far}"}
         yield (
-            "The reward is then `compute_reward(achieved_goal, desired_goal, info)`, of one robot or of rows of many;\n"
-            "the terms below stay in `info`. By `goal_reward`:"
+            "The reward is then `compute_reward(achieved_goal, desired_goal, info)`, for one robot or for rows of\n"
+            "many; the terms below stay in `info`. The argument `goal_reward` selects one of:"
         )
         yield "\n".join(f"- `{name}`: {text}." for name, text in rewards.items())
         yield (
-            "`compute_terminated` says whether `info` tells of a failure, `compute_truncated` is False. In every\n"
-            "action mode but `direct` a controller goes to the desired goal: of what hindsight puts in its place, it\n"
-            "knows nothing."
+            "`compute_terminated` returns whether `info` reports a failure, `compute_truncated` returns False. In\n"
+            "every action mode but `direct` the controller moves to the desired goal, not to the goals that hindsight\n"
+            "experience replay substitutes."
         )
     yield "### Asymmetric"
     yield (
-        "`asymmetric` has `observation`, the above, and `privileged`, which only a critic or a teacher may see: what\n"
-        f"is true and what was drawn. Each number is over its scale, and clipped to ± {MOST:g}:"
+        "`asymmetric` has `observation`, the above, and `privileged` for a critic or a teacher: true values and\n"
+        f"sampled parameters. Each is divided by its scale and clipped to ± {MOST:g}:"
     )
     rows = _observation_rows(privileged_layout(own.env.true_fields))
     yield markdown_rows("entries | name | scale | unit | meaning", rows)
 
 
 def page(name: str) -> str:
-    """Markdown page of an environment: `spidar list ENV_ID` prints it, `spidar assets` writes it."""
+    """Return the Markdown page of an environment; `spidar list ENV_ID` prints it, `spidar assets` writes it."""
     entry = environment(name)
     own = CHAPTERS[name]
     task = own.task
@@ -261,14 +263,15 @@ def page(name: str) -> str:
         "Written by `spidar assets` from the code; a test compares it with the spaces.",
         "## Description",
         f"{source_doc(task)} {own.step}",
-        f'`import spidar_gym`, then `gymnasium.make("{name}")`. A process that has not imported it, spawned or\n'
-        f'remote, does so by the id: `gymnasium.make("{import_id(name)}")`.',
+        f'`import spidar_gym`, then `gymnasium.make("{name}")`. In a process that has not imported it, such as a\n'
+        f'spawned or remote one, use the id `gymnasium.make("{import_id(name)}")`.',
         "## Action Space",
-        f"`Box(-1, 1, (n,), float32)`; what lies outside is clipped. {own.zero}",
-        markdown_rows("action_mode | n | entries | what −1 … 1 becomes", _action_rows(own.modes)),
+        f"`Box(-1, 1, (n,), float32)`; values outside are clipped. {own.zero}",
+        markdown_rows("action_mode | n | entries | −1 … 1 is scaled to", _action_rows(own.modes)),
         "\n".join(f"- `{n}`: {mode.doc}." for n, mode in own.modes.items()),
         "## Observation Space",
-        f"`Box(-bound, bound, ({size},), float32)` in the default action mode: what the real robot measures or knows.",
+        f"`Box(-bound, bound, ({size},), float32)` in the default action mode: values that the real robot measures or "
+        "knows.",
         markdown_rows("entries | name | bound ± | unit | meaning", _observation_rows(fields)),
         *_other_observations(own),
         "## Rewards",
@@ -278,32 +281,32 @@ def page(name: str) -> str:
         ),
         "## Info",
         markdown_rows("key | shape | unit | meaning", ((f"`{k.replace(', ', '`, `')}`", *v) for k, v in info.items())),
-        "Solve times are not in `info`, because the same seed gives the same `info`. The engine measures none;\n"
+        "Solve times are not in `info`, because `info` depends only on the seed. The engine measures none;\n"
         'with `control="python"` they are in `env.unwrapped.controller.last_step.allocation.solve_time`.',
         "## Starting State",
         own.start,
         "## Episode End",
         "Terminated with `info['failure']`:",
         "\n".join(f"- `{word}`: {meaning}." for word, meaning in own.task.failures.items()),
-        f"Truncated after {entry.horizon} steps ({task.horizon_s:g} s). For another length give "
+        f"Truncated after {entry.horizon} steps ({task.horizon_s:g} s). For another length pass "
         "`gym.make` either\n"
-        f"`horizon_s={2.0 * task.horizon_s:g}` or `max_episode_steps={2 * entry.horizon}`; of both the shorter "
-        "ends the episode,\nand there success is judged. `max_episode_steps=-1` never truncates,\nand vectors take the "
-        "same arguments.\n" + own.success,
+        f"`horizon_s={2.0 * task.horizon_s:g}` or `max_episode_steps={2 * entry.horizon}`; the shorter of both "
+        "ends the episode,\nand success is evaluated there. `max_episode_steps=-1` never truncates,\nand vectors take "
+        "the same arguments.\n" + own.success,
         "## Arguments",
         markdown_rows(
             "name | default | meaning", ((f"`{n}`", f"`{value!r}`", doc) for n, value, doc in _arguments(own))
         ),
         f"`reset(options={own.options})` changes this episode and those after it.",
-        f"So does each of {_names(own)} as an option of `reset`: with it the environment\nis made anew, which takes "
-        "some 10 ms. In a vector a list gives each robot its own.",
+        f"So does each of {_names(own)} as an option of `reset`. Such an option rebuilds\nthe environment, which takes "
+        "about 10 ms. In a vector, a list has a value for each robot.",
         "### Disturbances",
         markdown_rows(
             "name | default | meaning",
             ((f"`{n}`", f"`{getattr(Disturbances, n)!r}`", doc) for n, doc in field_docs(Disturbances).items()),
         ),
         "### Randomisation",
-        "At strength 1; at strength s a draw x becomes x₀ + s (x − x₀), x₀ the value that changes nothing. The\n"
+        "At strength 1. At strength s, a sample x becomes x₀ + s (x − x₀) with the value x₀ that changes nothing. The\n"
         + own.trim,
         markdown_rows(
             "field of `PlantConfig` | operation | distribution | unit | source",
@@ -316,7 +319,7 @@ def page(name: str) -> str:
 
 
 def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
-    """Arguments of `gym.make`: the task's fields, then the environment's own, then what all environments share."""
+    """Return the arguments of `gym.make`: the task's, then the environment's, then those of all environments."""
     docs = field_docs(own.task)
     for name, (low, high, _) in own.ranges.items():
         docs[name] += f" Within {low:.6g} … {high:.6g}."
@@ -325,44 +328,44 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "action_mode": "one of " + ", ".join(f"`{n}`" for n in own.modes),
         "preset": "controller: " + ", ".join(f"`{n}`" for n in own.presets),
         "gait": "crawler: " + ", ".join(f"`{n}`" for n in CRAWL_PRESETS),
-        "manager": "a `ManagerConfig` of one's own in place of both",
-        "controller": f"a `{own.controller}` of one's own in place of a preset",
-        "allocator": "a subclass of `Allocator` of one's own in place of the QP",
-        "law": f"a subclass of `{own.law}` of one's own in place of the paper's",
-        "control": "`core`, the controller that is compiled for the robot, or `python`, the readable one",
-        "hold": "control periods of 25 ms that a step takes; 20 if not given with `waypoint`, 1 with the others",
+        "manager": "custom `ManagerConfig` in place of both presets",
+        "controller": f"custom `{own.controller}` in place of a preset",
+        "allocator": "custom subclass of `Allocator` in place of the QP",
+        "law": f"custom subclass of `{own.law}` in place of the paper's",
+        "control": "`core`, the controller that is compiled for the robot, or `python`, the Python controller",
+        "hold": "control periods of 25 ms per step; by default 20 with `waypoint`, 1 with the others",
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",
-        "task": f"another task: an object of a class derived from `{own.task.__name__}`, the class, or its name, "
+        "task": f"custom task: an object of a class derived from `{own.task.__name__}`, the class, or its name, "
         "`module:Class`",
         "idle_thrust": "least thrust of a module [N]; about 1.2 for armed motors",
-        "robot": "a `RobotSpec` of one's own, its numbers by name, or a TOML file: controller and simulator know it",
-        "plant": "a `PlantConfig` of one's own: the simulated robot, to which the arguments below are applied",
+        "robot": "custom robot of controller and simulator: a `RobotSpec`, its numbers by name, or a TOML file",
+        "plant": "custom `PlantConfig`, the simulated robot, to which the arguments below are applied",
         "wake": "air: jets between the rotors, drag, ground effect",
         "battery": "the largest thrust falls with the voltage of a battery that is full at reset",
-        "sensors": "the controller sees motion capture, inertial unit and encoders through an estimator",
+        "sensors": "the controller receives an estimate from motion capture, inertial unit and encoders",
         "randomization": "strength of the domain randomisation, 0 … 1; or ranges by field of the table below, "
-        '`{"body.total_mass": (15.5, 17.0)}`, with `strength` for all others (0 if not said); or a TOML file of these',
+        '`{"body.total_mass": (15.5, 17.0)}`, with `strength` for all others (0 by default); or a TOML file of these',
         "observation": "one of " + ", ".join(f"`{n}`" for n in OBSERVATIONS),
-        "goal_reward": "one of " + ", ".join(f"`{n}`" for n in REWARDS) + ", where the observation is `goal`",
+        "goal_reward": "one of " + ", ".join(f"`{n}`" for n in REWARDS) + ", with the observation `goal`",
         "disturbances": "dictionary with any of " + ", ".join(f"`{n}`" for n in field_docs(Disturbances)),
-        "max_episode_steps": "steps after which an episode is truncated, at most those of `horizon_s` where that is "
+        "max_episode_steps": "steps after which an episode is truncated, at most those of `horizon_s` if that is "
         "given too; −1 for no end",
         "render_mode": "one of " + ", ".join(f"`{n}`" for n in SpidarEnv.metadata["render_modes"]),
         "camera": "one of " + ", ".join(f"`{n}`" for n in CAMERAS),
-        "width": "of pictures [px]",
-        "height": "of pictures [px]",
+        "width": "width of pictures [px]",
+        "height": "height of pictures [px]",
     }
     parameters = {**inspect.signature(SpidarEnv.__init__).parameters, **inspect.signature(own.env).parameters}
     return rows + [(n, parameters[n].default, doc) for n, doc in meanings.items() if n in parameters]
 
 
 def _names(own: Chapter) -> str:
-    """Arguments that are options of `reset` too, in words."""
+    """Return the names of the arguments that are also options of `reset`."""
     return ", ".join(f"`{name}`" for name in (*inspect.signature(own.task).parameters, "randomization", "task"))
 
 
 def pages() -> dict[str, str]:
-    """Every environment's page of the guide, with its picture: path relative to docs/ → text."""
+    """Return the guide's page of each environment, with its picture, by path relative to docs/."""
     found = {}
     for name in ENVIRONMENTS:
         short = name.split("/")[1]

@@ -1,4 +1,4 @@
-"""What an environment's robots are drawn from, do and show, as the engine's record of rules."""
+"""Conversion of an environment's options into the engine's record of rules."""
 
 from typing import Any
 
@@ -14,11 +14,11 @@ from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.randomize import Randomization
 
 OPERATIONS = ("set", "scale", "add")
-"""What a drawn number does to the nominal one, in the engine's order."""
+"""Operations by which a sampled number changes the nominal one, in the engine's order."""
 
 
 def action_mode(mode: ActionMode, robot: RobotSpec) -> np.ndarray:
-    """`sp_action_mode`."""
+    """Return an action mode as an `sp_action_mode`."""
     record = np.zeros((), engine_layouts()["action_mode"])
     record["size"], record["is_direct"] = mode.size, mode.residual is None
     if mode.residual is not None:
@@ -36,13 +36,13 @@ def common(
     """Fill `sp_rules`.
 
     Args:
-        record: To be filled.
-        plant: The robot that others are drawn around.
-        mode: What the action means.
-        bound: Of the observation.
-        randomization: How robots are drawn.
-        horizon: Ticks of an episode.
-        truncates: Whether it ends there.
+        record: Record to fill.
+        plant: The nominal simulated robot.
+        mode: Action mode.
+        bound: Bounds of the observation.
+        randomization: Domain randomisation of the robots.
+        horizon: Steps of an episode.
+        truncates: Whether an episode is truncated at the horizon.
         autoreset: One of `AUTORESETS`.
     """
     fill(record["plant"], plant)
@@ -61,6 +61,6 @@ def common(
 
 
 def _offset(layout: np.dtype[Any], name: Any) -> int:  # noqa: ANN401 - numpy wants a literal
-    """Where a member of a struct begins [bytes]."""
+    """Return the offset of a struct's member [bytes]."""
     assert layout.fields is not None
     return layout.fields[name][1]

@@ -1,4 +1,4 @@
-"""What every environment shares: one robot behind Gymnasium's interface, a fleet of one."""
+"""Base class of the environments: one robot, a fleet of one, with Gymnasium's interface."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -44,24 +44,24 @@ ProgressT = TypeVar("ProgressT")
 class SpidarEnv(
     Resettable, Observed, Restorable, gymnasium.Env[Any, np.ndarray], Generic[TaskT, ControllerT, ProgressT]
 ):
-    """SPIDAR behind Gymnasium's interface; what it is to do, and who controls it, is the subclass's."""
+    """SPIDAR with Gymnasium's interface; a subclass defines the task and the controller."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's own declaration
         "render_modes": [*RENDER_MODES],
         "render_fps": fps(1),
     }
     task: TaskT
-    """What is to be done."""
+    """The task."""
     controller: ControllerT
-    """What commands the robot where no action does."""
+    """The controller."""
     words: Mapping[str, tuple[str, ...]] = MappingProxyType({})
-    """Words that `info` may hold besides `failure` and `qp_status`, by name, in the order of their codes."""
+    """Words in `info` besides `failure` and `qp_status`, by name, in the order of their codes."""
     reward_terms: Mapping[str, tuple[float, str]]
-    """Weight and formula of each term of the reward; the weights add up to 1."""
+    """Weight and formula of each reward term; the weights add up to 1."""
     failures: tuple[str, ...]
-    """Why an episode may be over, in the order of the codes."""
+    """Names of the failures in the order of their codes."""
     hold: int = 1
-    """Control periods of a step."""
+    """Control periods per step."""
     _commander: Commander | None = None
 
     def __init__(
@@ -91,26 +91,26 @@ class SpidarEnv(
         """Build the robot.
 
         Args:
-            mode: What the action means.
-            layout: The observation's layout.
+            mode: Action mode.
+            layout: Layout of the observation.
             joint_speed: Speed limit of the joint servos [rad/s].
             control: `python` or `core`.
-            task: Another task in place of the built-in one: an object of a class derived from that, the class, or its
+            task: Custom task in place of the built-in one: an object of a class derived from it, the class, or its
                 name, `module:Class`.
             idle_thrust: Least commanded thrust of a module [N].
-            robot: A robot of one's own, which controller and simulator know: a `RobotSpec`, its numbers by name, or a
-                TOML file of these; the nominal one by default.
-            plant: A simulated robot of one's own, to which the arguments below are applied; the nominal one by default.
-            wake: Whether there is air: jets, drag, ground effect.
+            robot: Custom robot of the controller and the simulator: a `RobotSpec`, its numbers by name, or a TOML file
+                of these; the nominal robot by default.
+            plant: Custom simulated robot, to which the arguments below are applied; the nominal one by default.
+            wake: Whether air is simulated: jets, drag, ground effect.
             battery: Whether the largest thrust falls with the voltage.
-            sensors: Whether the controller sees what the real sensors and the estimator say, or the true state.
+            sensors: Whether the controller receives the estimate from simulated sensors in place of the true state.
             randomization: Strength of the domain randomisation, 0 … 1; or ranges by field, as `Randomization.parse`
                 takes them: `{"body.total_mass": (15.5, 17.0)}`, or a TOML file.
             disturbances: `{"wind": m/s, "push": N, "lost_rotor": 1 … 8, "fault": …, "fault_time": s}`.
             observation: `vector`, `goal` or `asymmetric`, see `OBSERVATIONS`.
-            goal_reward: `sparse` or `dense`, where it is `goal`, see `REWARDS`.
-            max_episode_steps: Steps after which an episode is truncated, at most those of `horizon_s` where that is
-                given too; −1 for no end, as without it where the environment is not made by `gymnasium.make`.
+            goal_reward: `sparse` or `dense` with the observation `goal`, see `REWARDS`.
+            max_episode_steps: Steps after which an episode is truncated, at most those of `horizon_s` if that is given
+                too; −1 for no end, which is the default of an environment that `gymnasium.make` has not made.
             render_mode: `human`, `rgb_array`, `depth_array` or None.
             camera: Camera of the pictures.
             width: Width of the pictures [px].
@@ -118,18 +118,18 @@ class SpidarEnv(
 
         Raises:
             UnknownNameError: For a mode, observation or camera that does not exist; it lists the valid ones.
-            InvalidValueError: For a value out of range, and a goal where there is none.
+            InvalidValueError: For a value out of range, and for the observation `goal` without a goal.
             StaleAssetError: When the model file was edited by hand.
         """
         nominal = own_robot(plant, robot)
         self.task = task
         self.reward_terms, self.failures = task.reward_terms, tuple(task.failures)
         self.robot = nominal.robot
-        """The robot as described."""
-        if "robot" in self._arguments:  # what a file said holds for as long as the environment lives
+        """The described robot."""
+        if "robot" in self._arguments:  # the file is read once
             self._arguments = self._arguments | {"robot": self.robot}
         self.view = View(render_mode, camera, width, height, self.robot)
-        """How it is looked at."""
+        """Renderer."""
         require_flag(wake=wake, battery=battery, sensors=sensors)
         require_within(0.0, self.robot.max_thrust, "N", idle_thrust=idle_thrust)
         self._bound = np.concatenate([np.full(f.size, f.bound) for f in layout])
@@ -150,7 +150,7 @@ class SpidarEnv(
         self._described = plant is None and not self._randomization.draws
         self._control = control
         self.sampled_parameters: dict[str, np.ndarray] = {}
-        """What was drawn of this episode's robot, by field of `PlantConfig`; empty where nothing is."""
+        """Sampled parameters of this episode's robot, by field of `PlantConfig`; empty without randomisation."""
         self.render_mode = render_mode
         self.metadata = self.metadata | {"render_fps": fps(self.hold)}
         self.action_space = spaces.Box(-1.0, 1.0, (mode.size,), np.float32)
@@ -166,11 +166,11 @@ class SpidarEnv(
             self._furnish()
 
     def _furnish(self) -> None:
-        """Make robot and controller."""
+        """Make the robot and its controller."""
         self.fleet: Fleet = self.make_fleet(1)
-        """Its robot in the engine, and the task."""
+        """The robot in the engine, and its task."""
         self.plant = Plant(self._nominal, engine=self.fleet.engine)
-        """Its robot as simulated."""
+        """The simulated robot."""
         self._ruled = self.task
         if is_compiled(self._control):
             self.controller = self._look_at_controller()
@@ -180,7 +180,7 @@ class SpidarEnv(
 
     @in_turn
     def _known(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
-        """What is known of this tick, read when it is asked for."""
+        """Return a value of the current tick; it is read once and cached."""
         if name not in self._now:
             if not self._began:
                 raise SpidarError(f"there is no {name} before reset(); valid: call reset() first")
@@ -188,12 +188,12 @@ class SpidarEnv(
         return self._now[name]
 
     def _forget(self) -> None:
-        """What was read of the last tick is past."""
+        """Clear the values cached in the last tick."""
         self._now = {}
         forget(self.controller)
 
     def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
-        """Read what the engine knows: the true state, what is seen of it, the last command."""
+        """Read a value from the engine: the true state, the controller's state, or the last command."""
         episode = self.fleet.robots[0]["episode"]
         if name == "command":
             return read_command(episode["command"])
@@ -202,29 +202,29 @@ class SpidarEnv(
     @property
     @in_turn
     def command(self) -> Command:
-        """The last command (`SpidarError` before the first step)."""
+        """Last command (`SpidarError` before the first step)."""
         if not self.ticks:
             raise SpidarError("there is no command before step(); valid: call step() first")
         return self._known("command")
 
     @property
     def state(self) -> RobotState:
-        """The true state of the robot (`SpidarError` before the first reset)."""
+        """True state of the robot (`SpidarError` before the first reset)."""
         return self._known("state")
 
     @property
     def seen(self) -> RobotState:
-        """What the controller sees of the robot: the true state, or the estimate where there are sensors."""
+        """State that the controller receives: the true state, or the estimate with sensors."""
         return self._known("seen" if self._nominal.sense else "state")
 
     @property
     def is_drawn(self) -> bool:
-        """Whether robots are drawn."""
+        """Whether robots are randomised."""
         return self._randomization.draws
 
     @property
     def progress(self) -> ProgressT:
-        """How far the episode has come (`SpidarError` before the first reset)."""
+        """Progress of the episode (`SpidarError` before the first reset)."""
         return self._known("episode")
 
     @in_turn
@@ -232,16 +232,16 @@ class SpidarEnv(
         """Start an episode.
 
         Args:
-            seed: Seed of the environment's generator, which draws everything.
-            options: What is to be from this episode on: `disturbances`, `randomization`, every argument of the task,
-                and what else is in `reset_options`.
+            seed: Seed of the environment's only random generator.
+            options: New values from this episode on: `disturbances`, `randomization`, every argument of the task, and
+                everything else in `reset_options`.
 
         Returns:
             Observation and info.
 
         Raises:
-            UnknownNameError: For an option that does not exist, and nothing has changed.
-            InvalidValueError: For a value that is not valid, and nothing has changed.
+            UnknownNameError: For an option that does not exist; the environment is unchanged.
+            InvalidValueError: For a value that is not valid; the environment is unchanged.
         """
         chosen = self._choose({} if options is None else options)
         super().reset(seed=seed)
@@ -263,16 +263,16 @@ class SpidarEnv(
 
     @in_turn
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """`hold` control periods of 25 ms: one, unless the environment says otherwise.
+        """Simulate one step: `hold` control periods of 25 ms.
 
         Args:
-            action: In [−1, 1]; what lies outside is clipped.
+            action: Action in [−1, 1]; entries outside are clipped.
 
         Returns:
-            Observation, reward (in [0, 1], or as `goal_reward` says), terminated, truncated, info.
+            Observation, reward (in [0, 1], or as `goal_reward` specifies), terminated, truncated, info.
 
         Raises:
-            InvalidValueError: For an action of the wrong shape or with a NaN; nothing has moved.
+            InvalidValueError: For an action of the wrong shape or with a NaN; the robot has not moved.
             SpidarError: When `reset` was never called.
         """
         action = require_array("action", action, f"numbers of shape ({self._mode.size},)")
@@ -295,20 +295,20 @@ class SpidarEnv(
         return observation, reward, bool(fleet.terminated[0]), self.is_over, info
 
     def _shown(self) -> tuple[Any, dict[str, Any]]:
-        """Observation and info of now."""
+        """Return the current observation and info."""
         return self._show(self.fleet.observations[0].copy()), self.tell(self.fleet)
 
     @in_turn
     def disturb(self, disturbances: Mapping[str, Any] | Disturbances | None, towards: float = 0.0) -> None:
-        """Let something else happen to the robot from now on, without a reset, and in the episodes after this one.
+        """Change the disturbances immediately, without a reset, for this episode and those after it.
 
         Args:
-            disturbances: As at `reset`; a `fault_time` that is past is now. Pushes begin with one at once.
-            towards: Where the wind of this episode blows to, 0 along x, π/2 along y [rad].
+            disturbances: As at `reset`; a fault whose `fault_time` is past begins immediately, and so do pushes.
+            towards: Direction in which the wind of this episode blows, 0 along x, π/2 along y [rad].
 
         Raises:
-            UnknownNameError: For a name that does not exist, and nothing has changed.
-            InvalidValueError: For a value that is not valid, and nothing has changed.
+            UnknownNameError: For a name that does not exist; the environment is unchanged.
+            InvalidValueError: For a value that is not valid; the environment is unchanged.
             SpidarError: When `reset` was never called.
         """
         chosen = Disturbances.parse(disturbances)
@@ -316,7 +316,7 @@ class SpidarEnv(
         if not self._began:
             raise SpidarError("there is no episode to disturb before reset(); valid: call reset() first")
         self._disturbances = chosen
-        self._choices = self._choices | {"disturbances": chosen}  # a reset that rebuilds it, and a restore, keep them
+        self._choices = self._choices | {"disturbances": chosen}  # kept by a rebuilding reset and by a restore
         self.fleet.disturb(0, chosen)
         self.plant.disturb(chosen, towards)
         self.fleet.refer()
@@ -327,34 +327,34 @@ class SpidarEnv(
         self.plant.close()
 
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
-        """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""
+        """Return the attributes that an option of `reset` sets, with their values; raise for an invalid value."""
         assert name == "disturbances"
         return {"_disturbances": Disturbances.parse(value)}
 
-    # ---- what a subclass says ----
+    # ---- what a subclass defines ----
 
     @abstractmethod
     def make_fleet(
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
         rules: np.ndarray | None = None,
     ) -> Fleet:  # fmt: skip
-        """Robots of this environment in the engine, at no episode yet.
+        """Make robots of this environment in the engine, before their first reset.
 
         Args:
-            robots: How many.
-            threads: How many threads carry them.
-            autoreset: What happens at the end of an episode: one of `AUTORESETS`.
-            truncates: Whether an episode ends at the horizon.
-            rules: For each robot those of an environment of its own of this kind, from its `rules`; their floors are
-                all even or all of tiles. Those of this one for all by default.
+            robots: Number of robots.
+            threads: Number of threads.
+            autoreset: Behaviour at the end of an episode, one of `AUTORESETS`.
+            truncates: Whether an episode is truncated at the horizon.
+            rules: Rules of each robot, from `rules` of environments of this kind; the floors must all be even or all
+                of tiles. By default all robots have this environment's rules.
         """
 
     @abstractmethod
     def rules(self, *, truncates: bool = False, autoreset: str = "disabled") -> np.ndarray:
-        """What this environment is to the engine; arguments as in `make_fleet`."""
+        """Return the engine's rules of this environment; arguments as in `make_fleet`."""
 
     def _fill_rules(self, record: np.ndarray, *, truncates: bool, autoreset: str) -> None:
-        """Write what every environment has into its rules."""
+        """Fill the part of the rules that all environments share."""
         engine_rules.common(
             record["rules"], self._nominal, self._mode, self._bound, randomization=self._randomization,
             horizon=self.horizon, truncates=truncates, autoreset=autoreset,
@@ -365,11 +365,11 @@ class SpidarEnv(
 
     @abstractmethod
     def _look_at_controller(self) -> ControllerT:
-        """The core's controller in the engine's memory."""
+        """Return a view of the core's controller in the engine's memory."""
 
     @abstractmethod
     def _make_commander(self) -> Commander:
-        """The controller in Python, in the core's place."""
+        """Make the Python controller that replaces the core's."""
 
     def _rule(self, fleet: Fleet) -> None:
         """Write the task into the engine's rules."""
@@ -378,10 +378,10 @@ class SpidarEnv(
 
     @abstractmethod
     def _prepare(self, fleet: Fleet) -> None:
-        """Write down what the next episode begins with, where that is given."""
+        """Write a given start or course of the next episode into the fleet."""
 
     def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
-        """`info` of a robot in the engine that is one of this environment's: its numbers in the words of the task."""
+        """Return `info` of a robot of a fleet of this environment, with codes replaced by words."""
         draws = drawn(fleet.robots[robot]["episode"]["drawn"]) if self.is_drawn else {}
         words = words_of(self.failures, self.words)
         info = info_of(fleet.infos[robot : robot + 1], self.reward_terms, fleet.terms[robot], words)

@@ -1,4 +1,4 @@
-"""Robots of one environment: the engine moves them, their task rates them; one robot or thousands."""
+"""Fleet: one robot or thousands of an environment, simulated by the engine and evaluated by their task."""
 
 import logging
 import math
@@ -24,44 +24,44 @@ from spidar_gym.tasks.task import Task, checked_array, require_finite, square
 
 _LOG = logging.getLogger("spidar_gym.mujoco")
 _SHARED = ("rules", "actions", "observations", "begun", "infos", "quantities", "goals", "knots")
-"""Arrays that the engine reads and writes where they lie."""
+"""Arrays in memory shared with the engine."""
 _SHOWN = ("rewards", "terminated", "truncated", "final_observations", "final_infos", "terms", "final_terms")
-"""Arrays that are written here."""
+"""Arrays that Python writes."""
 _CLIENTS = ("actions", "observations", "final_observations", "rewards", "terminated", "truncated", "begun", "infos",
             "final_infos", "terms", "final_terms")  # fmt: skip
-"""Arrays in which clients look."""
+"""Arrays to which clients hold references."""
 _AT_ONCE, _SETTLING_AT_ONCE = 256, 4
-"""Robots that a thread resets before Ctrl-C is answered: on tiles one takes up to 70 ms to come to rest."""
+"""Robots that a thread resets between checks for Ctrl-C; on tiles a robot takes up to 70 ms to settle."""
 _MODES = len(WORDS["reference", "mode"])
 UNIT = 1e-3
-"""Within which the squared length of a quaternion has to be 1."""
+"""Tolerance of a quaternion's squared length."""
 
 
 class Fleet:
     """Robots of one environment and their task.
 
-    Its arrays have an entry for every robot, and are written anew at every tick: who keeps them makes a copy.
+    The arrays have an entry for every robot. Each tick overwrites them: copy what is to be kept.
     """
 
     commander: Any = None
-    """The controller in Python of the only robot; None where the core controls."""
+    """Python controller of the only robot; None if the core controls."""
 
     def __init__(
         self, task: Task[Any], rules: np.ndarray, plant: PlantConfig, robots: int, threads: int, *,
         alike: bool, goals: int = 0, knots: int = 0,
     ) -> None:  # fmt: skip
-        """Make them.
+        """Make the robots.
 
         Args:
-            task: What they are to do.
-            rules: `sp_hover_rules`, `sp_crawl_rules` or `sp_course_rules`, one for all or one for every robot: then
-                each is simulated as its own say, on floors of the same kind.
-            plant: The simulated robot, or the one that others are drawn around.
-            robots: How many.
-            threads: How many threads, the caller's included.
-            alike: Whether none of them is drawn, nor its floor.
-            goals: Forms that an episode has at most.
-            knots: Knots that a path of an episode has at most.
+            task: Task of the robots.
+            rules: `sp_hover_rules`, `sp_crawl_rules` or `sp_course_rules`, one for all or one for every robot; with one
+                each, all floors are of the same kind.
+            plant: The nominal simulated robot.
+            robots: Number of robots.
+            threads: Number of threads, the caller's included.
+            alike: Whether neither robots nor floors are randomised.
+            goals: Largest number of forms of an episode.
+            knots: Largest number of knots of an episode's path.
         """
         engine = Engine(f"{task.robots.kind}_robot", plant, robots, threads, alike=alike, floors=rules.ndim > 0)
         if rules.ndim:
@@ -70,11 +70,11 @@ class Fleet:
         self._share(task, engine, rules, goals, knots)
 
     def _share(self, task: Task[Any], engine: Engine, rules: np.ndarray, goals: int, knots: int) -> None:
-        """Make what goes in and out of an engine."""
+        """Allocate the inputs and outputs of an engine and share them with it."""
         layouts, common, robots = engine_layouts(), rules["rules"], len(engine.robots)
         self.task, self.rules, self.engine, self.kind = task, rules, engine, task.robots.kind
         self.robots = engine.robots
-        """All that there is of the robots: records of `sp_hover_robot`, `sp_crawl_robot` or `sp_course_robot`."""
+        """Complete state of the robots: records of `sp_hover_robot`, `sp_crawl_robot` or `sp_course_robot`."""
         own, shown = sum(f.size for f in task.fields), int(common["size"].flat[0])
         self.actions = np.zeros((robots, int(common["mode"]["size"].flat[0])))
         self.observations, self.final_observations = (np.zeros((robots, shown + own), np.float32) for _ in range(2))
@@ -82,14 +82,14 @@ class Fleet:
         self.terminated, self.truncated, self.begun = (np.zeros(robots, bool) for _ in range(3))
         self.infos, self.final_infos = (np.zeros(robots, layouts[f"{self.kind}_info"]) for _ in range(2))
         self.quantities = np.zeros(robots, layouts[f"{self.kind}_quantities"])
-        """What the engine counts for the task."""
+        """Quantities that the engine computes for the task."""
         self.goals, self.knots = np.zeros((robots, goals), layouts["goal"]), np.zeros((robots, knots), layouts["knot"])
         self.terms, self.final_terms = (np.zeros((robots, len(task.reward_terms))) for _ in range(2))
-        """Terms of the reward, in the order of the task's table."""
+        """Reward terms in the order of the task's table."""
         self.memory = np.zeros(robots, np.dtype([*task.memory, ("_task", "u1")]))
-        """What the task remembers of the robots."""
+        """The task's variables of each robot."""
         self.is_given = np.zeros(robots, bool)
-        """Whose start a user has given, which goes before the task's."""
+        """Robots with a start given by the user, which replaces the task's."""
         self.scheduled: dict[str, np.ndarray] = {}
         for name in _SHARED:
             engine.share(name, getattr(self, name))
@@ -100,11 +100,11 @@ class Fleet:
         self._prepare_task()
 
     def _prepare_task(self) -> None:
-        """Look at the task once: what of it is to be called, and in which order its answers come."""
+        """Read the task once: which optional methods it has, and the order of its terms and failures."""
         task, common, robots = self.task, self.rules["rules"], len(self.robots)
         self._horizon, self._truncates, self._autoreset = common["horizon"], common["truncates"], common["autoreset"]
         self.view = task.robots(self, self.memory)
-        """What the task is given."""
+        """Argument of the task's methods."""
         self.told, self.final_told = told(self.infos), told(self.final_infos)
         """Views of `infos` and `final_infos` by name."""
         self._episode = self.robots["episode"]
@@ -123,7 +123,7 @@ class Fleet:
         self._was_over = True
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy is made of: numbers, and no array that the engine has the address of."""
+        """Return the state for a copy: bytes, without arrays that the engine has the address of."""
         names = (*(name for name in _SHARED if name != "rules"), *_SHOWN, "memory", "is_given")
         return {
             "share": (self.task, self.engine, self.rules.copy(), self.goals.shape[1], self.knots.shape[1]),
@@ -132,7 +132,7 @@ class Fleet:
         }  # fmt: skip
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Become a copy with a memory of its own."""
+        """Restore a copy with its own memory."""
         share, numbers = state.pop("share"), state.pop("numbers")
         vars(self).update(state)
         self._share(*share)
@@ -141,49 +141,49 @@ class Fleet:
 
     @property
     def horizon(self) -> np.ndarray:
-        """Steps after which an episode ends, one for all or one for every robot."""
+        """Steps after which an episode is truncated, one for all or one for every robot."""
         return self._horizon
 
     @property
     def action_size(self) -> int:
-        """Entries of an action."""
+        """Number of entries of an action."""
         return self.actions.shape[1]
 
     @property
     def parts(self) -> list[np.ndarray]:
-        """Arrays that belong to what a robot is, besides `robots`, `goals` and `knots`."""
+        """Arrays with further state of the robots, besides `robots`, `goals` and `knots`."""
         return [self.observations, self.infos, self.quantities, self.terms, self.memory, self.is_given]
 
     def take_task(self, task: Task[Any]) -> None:
-        """Do a task with other options from the next episode on; its terms and failures are the same."""
+        """Set a task with other options, and the same terms and failures, from the next episode on."""
         self.task = task
         if self.kind == "hover":
             self.robots["forms"] = SEQUENCES.index(vars(task)["forms"])
 
-    # ---- what is said of the next episode ----
+    # ---- settings of the next episode ----
 
     def seed(self, robot: int, rng: np.random.Generator) -> None:
-        """Let a robot's environment draw what this generator would."""
+        """Copy the state of a generator into a robot's environment."""
         self._episode[robot]["generator"] = from_numpy(rng)
 
     def disturb(self, robot: int, disturbances: Disturbances) -> None:
-        """Say what happens to a robot from its next episode on."""
+        """Set the disturbances of a robot from its next episode on."""
         fill(self._episode[robot]["disturbances"], disturbances)
 
     def load(self, ids: np.ndarray, mass: np.ndarray, position_b: np.ndarray) -> None:
-        """Let torsos carry point masses from the next tick on, until their episodes end.
+        """Attach point masses to torsos, from the next tick to the end of the episode.
 
         Args:
-            ids: Whose.
-            mass: [kg], an entry for each of them.
-            position_b: Where, torso axes (…, 3) [m].
+            ids: Indices of the robots.
+            mass: Mass for each robot [kg].
+            position_b: Positions in torso axes (…, 3) [m].
         """
         configs = self.robots["plant"]["config"].copy()
         configs["body"]["payload_mass"][ids], configs["body"]["payload_position"][ids] = mass, position_b
         self.engine.configure(configs, np.unique(ids), goes_on=True)
 
     def begin_with(self, robot: int, start: FlightStart | None) -> None:
-        """Say what a flight begins with and goes through from its next episode on; None has it drawn."""
+        """Set the start of a robot's flights from the next episode on; with None the engine samples it."""
         record = self.robots[robot]
         record["is_given"] = start is not None
         if start is None:
@@ -200,7 +200,7 @@ class Fleet:
         self.reschedule(robot, start.goals)
 
     def reschedule(self, robot: int, goals: Sequence[FormGoal]) -> None:
-        """Let a flight go through these forms; those that its episode has reached stay reached."""
+        """Set the forms of a flight; forms that the episode has reached stay reached."""
         self.robots[robot]["goals"] = count = len(goals)
         self.make_room(count)
         rows = self.goals[robot, :count]
@@ -209,25 +209,25 @@ class Fleet:
             rows[name] = [getattr(goal, name) for goal in goals]
 
     def give_start(self, robot: int, start: FlightStart | None) -> None:
-        """As `begin_with`, for a start that a user has given: it goes before the task's."""
+        """Set a start given by the user, as `begin_with`; it replaces the task's."""
         self.begin_with(robot, start)
         self.is_given[robot] = start is not None
 
     def go(self, robot: int, course: Course | None) -> None:
-        """Say which course a robot goes from its next episode on; None has it drawn."""
+        """Set a robot's course from the next episode on; with None the engine samples it."""
         record = self.robots[robot]
         record["is_given"] = course is not None
         if course is not None:
             write_course(record["course"], course)
 
     def ask_advice(self) -> None:
-        """Let the controller say at every tick what it would command in place of a `direct` action, for imitation.
+        """Compute the controller's command at every tick beside a `direct` action, for imitation learning.
 
-        From then on ``robots["advice"]`` is its command for what was seen before the tick. Where ``robots["is_led"]``
-        is set, that is done in place of the action, and told as if it had been the action.
+        From then on ``robots["advice"]`` is the controller's command for the state observed before the tick. If
+        ``robots["is_led"]`` is set, this command replaces the action, and is reported as the action.
 
         Raises:
-            InvalidValueError: For a crawl, or an action mode that has the controller fly anyway.
+            InvalidValueError: For a crawl, or an action mode other than `direct`.
         """
         if self.kind != "hover" or not np.all(self.rules["rules"]["mode"]["is_direct"]):
             raise InvalidValueError("action_mode", self.kind, "a flight with action_mode=direct")
@@ -236,9 +236,9 @@ class Fleet:
     # ---- memory ----
 
     def take_over(self, old: "Fleet") -> None:
-        """Go on in the arrays of other robots, where clients look; those are closed, and these have to begin anew.
+        """Use the arrays of another fleet, to which clients hold references, and close that fleet.
 
-        Their generators, and what was said of their next episodes, go on too.
+        Generators and the settings of the next episodes are copied. The robots must be reset afterwards.
         """
         with old.engine.turn.lock, self.engine.turn.lock:
             for name in _CLIENTS:
@@ -257,7 +257,7 @@ class Fleet:
             old.close()
 
     def way_back(self) -> Callable[[], None]:
-        """What lets robots and rules be again as they are now."""
+        """Return a function that restores the current robots and rules."""
         arrays = [self.rules, self.robots, self.goals, self.knots, *self.parts]
         contents = [(array, array.copy()) for array in (*arrays, self.engine.copies)]
         rooms = {"goals": self.goals, "knots": self.knots}
@@ -272,13 +272,13 @@ class Fleet:
         return back
 
     def _give(self, name: str, array: np.ndarray) -> None:
-        """Let goals or knots be in another array."""
+        """Replace the array of goals or knots."""
         setattr(self, name, array)
         self.engine.share(name, array)
         self.engine.record[f"{name[:-1]}_room"] = array.shape[1]
 
     def make_room(self, goals: int, knots: int = 0) -> None:
-        """Let an episode have at least so many forms, and its path so many knots."""
+        """Allocate memory for at least this many forms of an episode and knots of its path."""
         with self.engine.turn.lock:
             for name, wanted in (("goals", goals), ("knots", knots)):
                 held = getattr(self, name)
@@ -289,14 +289,14 @@ class Fleet:
                     self._give(name, wider)
 
     def restored(self) -> None:
-        """Go on where robots have been written from outside."""
+        """Invalidate cached values after the robots were overwritten from outside."""
         self._was_over = True
         self.engine.forget_copies()
 
     # ---- episodes ----
 
     def reset(self, ids: np.ndarray | None = None) -> None:
-        """Let robots begin an episode, all if not said; `SpidarError` where MuJoCo gives one of them up."""
+        """Begin episodes of robots, all if None (`SpidarError` if MuJoCo fails for one of them)."""
         chosen = np.arange(len(self.robots)) if ids is None else ids
         self._say_starts(chosen)
         self._run("reset", ids, _SETTLING_AT_ONCE if self._settles else _AT_ONCE)
@@ -317,13 +317,13 @@ class Fleet:
             self.commander.observe()
 
     def step(self, ids: np.ndarray | None = None) -> None:
-        """One step of robots, with `actions`; of all if not said which, in rising order.
+        """Step robots with `actions`; `ids` in rising order, all if None.
 
-        Where MuJoCo gives up a robot, its episode ends as one that has diverged, and no other robot is changed; `reset`
-        begins its next. Where it does so while an episode begins by itself, that is an error.
+        If MuJoCo fails for a robot, its episode ends as diverged, other robots are unaffected, and `reset` begins its
+        next episode. A failure while an episode begins automatically raises an error.
 
         Raises:
-            SpidarError: For a robot that MuJoCo cannot put where its next episode begins.
+            SpidarError: For a robot that MuJoCo cannot place at the start of its next episode.
         """
         rows = slice(None) if ids is None else ids
         if self._is_plain and len(self.robots) == 1:
@@ -331,16 +331,16 @@ class Fleet:
                 self._run("step", ids)
                 self._rate(rows)
             except KeyboardInterrupt:
-                self._rate(rows)  # it may have come between the two, and a second time changes nothing
+                self._rate(rows)  # the interrupt may precede it, and a second call changes nothing
                 raise
             return
-        # Ctrl-C is answered when engine and task have done their part for all robots; at once where a controller in
-        # Python commands the only one: it may take long.
+        # Ctrl-C is handled after engine and task have processed all robots; immediately with a Python controller,
+        # which may take long.
         with whole() if self.commander is None else nullcontext():
             if self._starts and self._autoreset.flat[0] == _NEXT_STEP:
                 self._say_starts(np.flatnonzero(self._episode["over"]))
             self._move(ids)
-            # Terms of a user's whose sum is no number are refused in words.
+            # Terms of a custom task whose sum is not finite are refused with a message.
             with np.errstate(over="ignore", invalid="ignore") if self.task.is_own else nullcontext():
                 self._rate(rows)
             if self.commander is not None:
@@ -348,11 +348,11 @@ class Fleet:
 
     @property
     def _is_plain(self) -> bool:
-        """Whether no code of a user's has a part in a step."""
+        """Whether a step runs no custom code."""
         return self.commander is None and not self.task.is_own
 
     def _move(self, ids: np.ndarray | None) -> None:
-        """Let robots move for a step; a controller in Python commands every control period of it."""
+        """Simulate a step of robots; a Python controller commands each of its control periods."""
         commander = self.commander
         hold = int(self.rules["hold"]) if commander is not None and self.kind == "course" else 1
         for period in range(hold):
@@ -368,17 +368,17 @@ class Fleet:
                 break
 
     def _stops(self) -> bool:
-        """Whether the only robot's step ends before its time."""
+        """Return whether the only robot's step ends early."""
         limits = getattr(self.task, "stops", {})
         return bool(self.view.diverged[0]) or any(getattr(self.view, name)[0] > most for name, most in limits.items())
 
     @property
     def _after(self) -> str:
-        """What the engine does once Python has had its part in references or commands: flights count errors then."""
+        """Engine's job after Python has written references or commands: flights then compute their errors."""
         return "regard" if self.kind == "hover" else "show"
 
     def _rate(self, rows: Any) -> None:  # noqa: ANN401 - all robots, or some by number
-        """Rewards, failures and ends of robots that have moved; the next episodes of those at an end."""
+        """Compute rewards, failures and ends of robots that have moved, and begin the next episodes at an end."""
         task, view, failed = self.task, self.view, self._failed
         if self._advances:
             task.advance(view)
@@ -414,7 +414,7 @@ class Fleet:
             self._begin_anew(np.flatnonzero(over) if isinstance(rows, slice) else rows[over[rows]])
 
     def _reward(self, diverged: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Terms (N, k) and rewards (N,); both are 0 for a robot that has diverged."""
+        """Return terms (N, k) and rewards (N,); both are 0 for a robot that has diverged."""
         terms, rewards = self._terms(), self._rewards
         if np.count_nonzero(diverged):
             terms[diverged] = 0.0
@@ -424,13 +424,13 @@ class Fleet:
         return terms, rewards
 
     def _require_finite(self, terms: np.ndarray, rewards: np.ndarray) -> None:
-        """Refuse terms, and their sum, that are no numbers for robots that have not diverged."""
+        """Require terms and their sum to be finite for robots that have not diverged."""
         for k, name in enumerate(self._names):
             require_finite(f"{self._name}.terms: {name}", terms[:, k], self.view.diverged)
         require_finite(f"{self._name}: sum of terms", rewards, self.view.diverged)
 
     def _go_on(self, begun: np.ndarray) -> None:
-        """Say what robots are to do in the next step, and how those begin whose next episode has."""
+        """Write the references of the next step, and initialise the robots whose next episode has begun."""
         task: Any = self.task
         if self._refers:
             self._write_reference(task.reference(self.view), task.preview(self.view))
@@ -444,7 +444,7 @@ class Fleet:
         self, rows: slice | np.ndarray, terminated: np.ndarray, truncated: np.ndarray, over: np.ndarray,
         begun: np.ndarray,
     ) -> None:  # fmt: skip
-        """Write down whose episode is over, and why."""
+        """Write which episodes are over, and their failures."""
         failure = np.where(terminated, self._codes[self._failed.argmax(axis=0)], -1)
         failure[begun] = -1
         episode = self._episode
@@ -454,7 +454,7 @@ class Fleet:
         self._was_over = bool(over.any()) or not isinstance(rows, slice)
 
     def _begin_anew(self, ids: np.ndarray) -> None:
-        """Keep what is shown of robots at an end, and let their next episodes begin in the same step."""
+        """Store the final outputs of robots at an end, and begin their next episodes in the same step."""
         for name in ("observations", "infos", "terms"):
             getattr(self, f"final_{name}")[ids] = getattr(self, name)[ids]
         kept = {name: getattr(self, name)[ids] for name in ("rewards", "terminated", "truncated")}
@@ -463,7 +463,7 @@ class Fleet:
             getattr(self, name)[ids] = values
 
     def _say_starts(self, ids: np.ndarray) -> None:
-        """Say what episodes that are about to begin begin with, where the task does."""
+        """Set the starts of episodes that are about to begin, if the task defines starts."""
         if not self._starts:
             return
         task: Any = self.task
@@ -471,12 +471,12 @@ class Fleet:
             rng = to_numpy(self._episode[k]["generator"])
             start = task.start(rng)
             if not (start is None or isinstance(start, FlightStart)):
-                raise InvalidValueError(f"{self._name}.start", start, "a FlightStart, or None to have it drawn")
+                raise InvalidValueError(f"{self._name}.start", start, "a FlightStart, or None for a sampled one")
             self.begin_with(k, start)
             self._episode[k]["generator"] = from_numpy(rng)
 
     def _begin(self, ids: np.ndarray) -> None:
-        """Go on where the engine has begun episodes: what the task remembers, and its references."""
+        """Initialise the task's memory and references of episodes that the engine has begun."""
         self.memory[ids] = 0
         if self._draws:
             for k in ids.tolist():
@@ -496,12 +496,12 @@ class Fleet:
                 self._run("regard", ids)
 
     def refer(self) -> None:
-        """Let a controller in Python know what has changed about what it is to do."""
+        """Update the reference of a Python controller after a change of the disturbances."""
         if self.commander is not None and self.kind == "hover" and not self._refers:
             self._run("refer", None)
 
     def _refer(self) -> None:
-        """Say what the robots are to do now where the task has a part in it: the schedule first, then the task."""
+        """Update the references if the task overrides them: the schedule's first, then the task's."""
         if not self._refers:
             return
         task: Any = self.task
@@ -529,13 +529,13 @@ class Fleet:
         return wanted
 
     def _checked_records(self, method: str, given: object) -> np.ndarray:
-        """Records that a task gives, of the kind of the default, finite for robots that have not diverged."""
+        """Check a task's records: the type of the default, finite for robots that have not diverged."""
         like, name = self.robots[method], f"{self._name}.{method}"
         if not (isinstance(given, np.ndarray) and given.dtype == like.dtype and given.shape == like.shape):
             raise InvalidValueError(
                 name, getattr(given, "dtype", given), f"records of shape {like.shape} with the fields of the default"
             )
-        # All at once: whole numbers read as floats are finite, but for negative ones.
+        # One check for all members: non-negative integers, read as floats, are finite.
         if not np.isfinite(np.ascontiguousarray(given).view(np.float64)).all():
             for member in given.dtype.names or ():
                 if given[member].dtype.kind == "f":
@@ -543,7 +543,7 @@ class Fleet:
         return given
 
     def _terms(self) -> np.ndarray:
-        """Terms of the reward (N, k), in the order of the task's table."""
+        """Return the reward terms (N, k) in the order of the task's table."""
         found = self._rows(self.task.terms(self.view), self._names, "terms", REAL)
         terms = np.empty((len(self.robots), len(found)))
         for k, values in enumerate(found):
@@ -551,13 +551,13 @@ class Fleet:
         return terms
 
     def _tell(self) -> None:
-        """Write what the task says into `infos`."""
+        """Write the task's entries of `info` into `infos`."""
         if self._tells:
             for name, values in self.task.tell(self.view).items():
                 self.infos[name] = values
 
     def _observe(self, ids: np.ndarray | None = None) -> None:
-        """Write what the task's own fields say, at the end of the observations."""
+        """Write the task's fields at the end of the observations."""
         if not len(self._bound):
             return
         task, rows = self.task, slice(None) if ids is None else ids
@@ -578,7 +578,7 @@ class Fleet:
         return type(self.task).__name__
 
     def _remember(self, robot: int, drawn: Any) -> None:  # noqa: ANN401 - a user's
-        """Write what a task has drawn for a robot into its memory."""
+        """Write the values that a task has sampled for a robot into the memory."""
         method = f"{self._name}.draw"
         memory = self.memory[robot]
         for name, value in require_keys(
@@ -591,7 +591,7 @@ class Fleet:
             memory[name] = value
 
     def _rows(self, given: Any, names: list[str], method: str, kinds: str) -> list[np.ndarray]:  # noqa: ANN401 - a user's
-        """What a task gives by name, an entry for every robot each, in the order of its table."""
+        """Check a task's arrays by name, and return them in the order of its table."""
         self._require_names(given, names, method)
         rows = [given[name] for name in names]
         for k, values in enumerate(rows):
@@ -615,11 +615,11 @@ class Fleet:
             failed = [robot for robot in failed if robot not in lost or robot in again]
         if failed:
             robot, words = failed[0], self.engine.words(failed[0])
-            raise SpidarError(f"MuJoCo gave up robot {robot}: {words}; valid: a robot and actions that it simulates")
+            raise SpidarError(f"MuJoCo failed for robot {robot}: {words}; valid: a robot and actions that it simulates")
         if self.kind == "crawl" and not self.robots["cycles"].all():
             robot = int(np.flatnonzero(self.robots["cycles"] == 0)[0])
             way = self.robots["way"][robot].tolist()
-            raise InvalidValueError("way", way, "a way within reach, and no more steps than there is room for")
+            raise InvalidValueError("way", way, "a goal within reach in at most as many steps as fit in memory")
 
     def close(self) -> None:
         """Stop the threads; a second call does nothing."""
@@ -631,7 +631,7 @@ _NONE = np.zeros(0, int)
 
 
 def told(records: np.ndarray) -> dict[str, Any]:
-    """Views of infos (`sp_hover_info` or another task's) by name: what all environments tell comes first."""
+    """Return views of infos (`sp_hover_info` or another task's) by name; entries of all environments come first."""
     common = records["info"]
     shared = {name: common[name] for name in common.dtype.names or ()}
     return shared | {name: records[name] for name in records.dtype.names or () if name != "info"}

@@ -1,7 +1,7 @@
-"""Goals of the environments that have one, as `gymnasium_robotics` has them: what is wanted, what is, and their reward.
+"""Desired and achieved goals and their reward, in the convention of `gymnasium_robotics`.
 
-A goal is a row of numbers. The reward is a function of the wanted one and of what is, so that a learner may say of what
-it has achieved that it was what it wanted (hindsight, HER).
+A goal is a row of numbers. The reward is a function of the desired and the achieved goal, so that a learner can replace
+the desired goal by an achieved one (hindsight experience replay, HER).
 """
 
 from abc import ABC, abstractmethod
@@ -20,25 +20,25 @@ from spidar_gym.tasks.hover import SUCCESS_ATTITUDE as HOVER_ATTITUDE
 from spidar_gym.tasks.hover import SUCCESS_POSITION as HOVER_POSITION
 
 REWARDS = {
-    "sparse": "0 where the goal is reached, −1 elsewhere",
+    "sparse": "0 if the goal is reached, else −1",
     "dense": "− distance to the goal",
 }
-"""Rewards of a goal, and what they are."""
+"""Rewards of a goal by name, with their definitions."""
 JOINT_LENGTH = 0.1
-"""A radian of the joint that is farthest from its form counts as this many metres where all is one number."""
+"""Length that a radian of the joint farthest from its target counts as in a distance [m]."""
 
 
 class Goal(ABC):
-    """What there is to reach; all arrays have a row for every robot."""
+    """Goal of a task; all arrays have a row for every robot."""
 
     fields: ClassVar[tuple[Field, ...]]
-    """Its numbers."""
+    """Numbers of a goal."""
     left_out: ClassVar[tuple[str, ...]]
-    """Fields of the flat observation that tell of the goal: with it they are not in `observation`."""
+    """Fields of the flat observation that depend on the goal; `observation` omits them."""
     reach: ClassVar[str]
-    """When it is reached, in words."""
+    """Condition under which a goal is reached, in words."""
     far: ClassVar[str]
-    """What its distance is, in words."""
+    """Definition of the distance to a goal, in words."""
 
     def __init__(self, reward: str) -> None:
         """Choose the reward (`UnknownNameError` lists `REWARDS`)."""
@@ -48,54 +48,54 @@ class Goal(ABC):
     @staticmethod
     @abstractmethod
     def wanted(fleet: Fleet) -> np.ndarray:
-        """What robots in the engine are to reach (N, size)."""
+        """Return the desired goals of robots in the engine (N, size)."""
 
     @staticmethod
     @abstractmethod
     def achieved(state: np.ndarray, told: Callable[[str], np.ndarray], wanted: np.ndarray) -> np.ndarray:
-        """What is (N, size), by the true state.
+        """Return the achieved goals (N, size), from the true state.
 
         Args:
             state: Records of `RobotState`'s fields (N,).
-            told: What `info` tells of the robots, by name.
-            wanted: What they are to reach.
+            told: The robots' `info` by name.
+            wanted: Desired goals (N, size).
         """
 
     @staticmethod
     @abstractmethod
     def distances(achieved: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far goals are (N,) [m], and whether they are reached (N,)."""
+        """Return distances to the goals (N,) [m], and whether they are reached (N,)."""
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as there
-        """Reward of having achieved one goal where another was wanted: that of `step`, bit for bit, for its own.
+        """Return the reward of an achieved and a desired goal; for those of a step, bit for bit the reward of `step`.
 
         Args:
-            achieved_goal: What one robot has achieved (size,), or a row for each of many.
-            desired_goal: What it was to achieve, likewise.
-            info: Not looked at.
+            achieved_goal: Achieved goal of one robot (size,), or a row for each of many.
+            desired_goal: Desired goal, in the same shape.
+            info: Not used.
 
         Returns:
             A number, or one for each row.
 
         Raises:
-            InvalidValueError: For what is no goal.
+            InvalidValueError: For an array of another shape.
         """
         del info
         return self.reward(achieved_goal, desired_goal)
 
     def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as above
-        """Whether the robot has failed, by what `step` told: to reach a goal ends no episode; arguments as above."""
+        """Return whether `info` reports a failure; reaching a goal does not end an episode; arguments as above."""
         del achieved_goal, desired_goal
         return has_failed(info)
 
     def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as above
-        """False: time is up by the wrapper that counts it, as there; arguments as above."""
+        """Return False: a wrapper truncates episodes, as in `gymnasium_robotics`; arguments as above."""
         del desired_goal, info
         shape = np.shape(achieved_goal)[:-1]
         return np.zeros(shape, bool) if shape else False
 
     def reward(self, achieved: object, wanted: object) -> Any:  # noqa: ANN401 - a number, or an array of them
-        """Rewards (…) of goals (…, size), in double precision; `InvalidValueError` for what is no goal."""
+        """Return rewards (…) of goals (…, size) in double precision (`InvalidValueError` for other shapes)."""
         size = sum(f.size for f in self.fields)
         pair = []
         for name, given in (("achieved_goal", achieved), ("desired_goal", wanted)):
@@ -111,7 +111,7 @@ class Goal(ABC):
 
 
 class CrawlGoal(Goal):
-    """Where the torso is to lie."""
+    """Pose at which the torso is to lie."""
 
     fields = (
         Field("position", 2, 100.0, "m", "x, y of the torso, world"),
@@ -119,17 +119,17 @@ class CrawlGoal(Goal):
     )
     left_out = ("goal_position", "goal_heading", "joint_way", "steps_left")
     reach = f"the torso is within {1000 * SUCCESS_POSITION:g} mm and {SUCCESS_YAW:g} rad of it"
-    far = f"the way to it [m], a radian counting {TURN_LENGTH:g} m"
+    far = f"the distance of the torso [m], a radian of yaw counting {TURN_LENGTH:g} m"
 
     @staticmethod
     def wanted(fleet: Fleet) -> np.ndarray:
-        """The goals of the crawls (N, 3)."""
+        """Return the desired poses (N, 3)."""
         goal = fleet.robots["goal"]
         return np.stack((goal["x"], goal["y"], goal["yaw"]), axis=1)
 
     @staticmethod
     def achieved(state: np.ndarray, told: Callable[[str], np.ndarray], wanted: np.ndarray) -> np.ndarray:
-        """Where the torsos are (N, 3)."""
+        """Return the poses of the torsos (N, 3)."""
         del told, wanted
         w, x, y, z = state["quat_wb"].T
         yaw = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
@@ -137,17 +137,17 @@ class CrawlGoal(Goal):
 
     @staticmethod
     def distances(achieved: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far poses (N, 3) are, and whether they are reached."""
+        """Return distances to poses (N, 3), and whether they are reached."""
         x, y, turn = (wanted - achieved).T
         way, turn = np.sqrt(x * x + y * y), np.abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi)
         return way + TURN_LENGTH * turn, (way <= SUCCESS_POSITION) & (turn <= SUCCESS_YAW)
 
 
 class HoverGoal(Goal):
-    """Where the CoG is to hover, how the torso is to be turned, and the form to take."""
+    """Position of the CoG, attitude of the torso and form of a hover."""
 
     fields = (
-        Field("com", 3, 100.0, "m", "CoG, world, by the description"),
+        Field("com", 3, 100.0, "m", "CoG of the described robot, world"),
         Field("attitude", 4, 1.0, "", "quaternion w, x, y, z of the torso, w at least 0"),
         Field("joints", N_JOINTS, 4.0, "rad", "q"),
     )
@@ -157,20 +157,20 @@ class HoverGoal(Goal):
         f"within {ARRIVAL_TOLERANCE:g} rad of it"
     )
     far = (
-        f"that of the CoG [m], a radian of attitude counting {TURN_LENGTH:g} m, one of the farthest joint "
+        f"the distance of the CoG [m], a radian of attitude counting {TURN_LENGTH:g} m, one of the farthest joint "
         f"{JOINT_LENGTH:g} m"
     )
 
     @staticmethod
     def wanted(fleet: Fleet) -> np.ndarray:
-        """Place, attitude and form of the flights (N, 23)."""
+        """Return the desired positions, attitudes and forms (N, 23)."""
         robots = fleet.robots
         form = fleet.goals[np.arange(len(robots)), robots["current"]]["joint_target"]
         return np.concatenate((robots["reference"]["position_w"], robots["reference"]["quat_wb"], form), axis=1)
 
     @staticmethod
     def achieved(state: np.ndarray, told: Callable[[str], np.ndarray], wanted: np.ndarray) -> np.ndarray:
-        """Where the CoGs are, how the torsos are turned, and where the joints are (N, 23)."""
+        """Return the positions of the CoGs, attitudes of the torsos and joint angles (N, 23)."""
         quat = state["quat_wb"]
         return np.concatenate(
             (
@@ -183,7 +183,7 @@ class HoverGoal(Goal):
 
     @staticmethod
     def distances(achieved: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far goals (N, 23) are, and whether they are reached."""
+        """Return distances to goals (N, 23), and whether they are reached."""
         x, y, z = (wanted - achieved).T[:3]
         place = np.sqrt(x * x + y * y + z * z)
         turn = np.minimum(_chord(achieved, wanted, -1.0), _chord(achieved, wanted, 1.0))
@@ -194,13 +194,13 @@ class HoverGoal(Goal):
 
 
 def _chord(achieved: np.ndarray, wanted: np.ndarray, sign: float) -> np.ndarray:
-    """How far the quaternions of goals are apart (N,): q and −q are one attitude."""
+    """Return the distance of the goals' quaternions for one sign (N,): q and −q are the same attitude."""
     w, x, y, z = (wanted + sign * achieved).T[3:7]
     return np.sqrt(w * w + x * x + y * y + z * z)
 
 
 def has_failed(info: object) -> Any:  # noqa: ANN401 - a flag, or an array of flags
-    """Whether an episode is over because of a failure, by what `step` told, of one robot, a list or a vector."""
+    """Return whether `info` reports a failure, for one robot, a list or a vector."""
     if isinstance(info, Mapping):
         if "failure" in info:
             return info["failure"] != ""
@@ -208,4 +208,4 @@ def has_failed(info: object) -> Any:  # noqa: ANN401 - a flag, or an array of fl
             return np.asarray(info["failure_code"]) >= 0
     elif isinstance(info, list | tuple | np.ndarray):
         return np.array([has_failed(each) for each in info], bool)
-    raise InvalidValueError("info", info, "what step told: with failure, or failure_code of a vector")
+    raise InvalidValueError("info", info, "info of a step, with failure or, from a vector, failure_code")

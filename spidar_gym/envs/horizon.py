@@ -1,4 +1,4 @@
-"""When an episode is over: after `horizon_s` or `max_episode_steps`, whichever is given, the shorter where both are."""
+"""Truncation of episodes after `horizon_s` or `max_episode_steps`, the shorter if both are given."""
 
 import copy
 from collections.abc import Iterator
@@ -14,35 +14,36 @@ from spidar_gym.envs.registry import HORIZON, OnlyOfOne, RegisteredSteps
 
 
 class OfMade(OnlyOfOne):
-    """This wrapper in the specification of an environment that is made already.
+    """This wrapper in the specification of an environment that has been made.
 
-    A slice, which `gymnasium.make` takes, has it: there `max_episode_steps` may be another. JSON, which cannot keep the
-    difference to a wrapper that `gymnasium.make_vec` refuses, does not; the end is among the arguments there.
+    A slice, which `gymnasium.make` takes, contains the wrapper, so `max_episode_steps` can be changed. Iteration, from
+    which JSON is written, is empty: in JSON the wrapper would be one that `gymnasium.make_vec` refuses. There the
+    horizon is among the arguments.
     """
 
     __slots__ = ()
     __hash__ = None  # pyright: ignore[reportAssignmentType] - as its entries
 
     def __iter__(self) -> Iterator[WrapperSpec]:
-        """No entries."""
+        """Iterate over no entries."""
         return iter(())
 
     def __eq__(self, other: object) -> bool:
-        """Whether the other one is without entries, too."""
+        """Return whether the other one has no entries either."""
         return other == () or isinstance(other, OfMade)
 
 
 class Horizon(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray], RecordConstructorArgs):
-    """Gives the environment its end, so that success is judged there; `gymnasium.make` puts it outermost.
+    """Sets the environment's horizon, where success is evaluated; `gymnasium.make` applies it as the outermost wrapper.
 
-    The registered `TimeLimit` below it knows nothing of `horizon_s`, and the environment nothing of `TimeLimit`. The
-    specification of a made environment has the end among its arguments: so `gymnasium.make_vec`, which refuses
-    wrappers, makes a native vector of it. Read from JSON it has that end for good: another `max_episode_steps` of
-    `gymnasium.make` can only make episodes shorter then, and success is not judged there.
+    The registered `TimeLimit` below it does not depend on `horizon_s`, nor the environment on `TimeLimit`. The
+    specification of a made environment has the horizon among its arguments, so that `gymnasium.make_vec`, which refuses
+    wrappers, makes a native vector of it. A specification read from JSON has a fixed horizon: another
+    `max_episode_steps` of `gymnasium.make` can only shorten episodes, and success is not evaluated there.
     """
 
     def __init__(self, env: gymnasium.Env[Any, np.ndarray]) -> None:
-        """Take an environment as `gymnasium.make` wraps it."""
+        """Wrap an environment as `gymnasium.make` does."""
         RecordConstructorArgs.__init__(self)
         super().__init__(env)
         inner = env.unwrapped
@@ -54,13 +55,13 @@ class Horizon(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray], RecordConstru
         self._spec.additional_wrappers = OfMade((HORIZON,))
 
     def step(self, action: np.ndarray) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """One step; truncated where the environment says so, which goes before `TimeLimit`."""
+        """Step the environment; its own truncation replaces that of `TimeLimit`."""
         observation, reward, terminated, _, info = self.env.step(action)
         return observation, reward, terminated, self._inner.is_over, info
 
     @property
     def spec(self) -> EnvSpec | None:
-        """The specification with the steps after which the episode really ends."""
+        """Specification with the steps after which an episode is truncated."""
         steps = self._inner.horizon if self._inner.truncates else None
         self._spec.max_episode_steps = steps
         self._spec.kwargs["max_episode_steps"] = -1 if steps is None else steps

@@ -1,4 +1,4 @@
-"""The hover environment: the paper's flight controller, to which the action adds, and forms to fly through."""
+"""The hover environment: the paper's flight controller plus the action's residual, through a sequence of forms."""
 
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -59,14 +59,14 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
         """Build the task and its controller.
 
         Args:
-            action_mode: What the action means.
-            preset: Which controller: allocation, gains, compensations.
-            controller: A configuration of one's own in place of a preset's; its joint speed is the task's.
-            allocator: An allocator of one's own, a subclass of `Allocator`, in place of the QP.
-            law: A control law of one's own, a subclass of `FlightController`, in place of the paper's; it is told what
-                comes.
-            control: `core`, the controller that is compiled for the robot, or `python`, the readable one; by default
-                the core, unless an allocator or a law is given.
+            action_mode: Name of the action mode.
+            preset: Name of the controller: allocation, gains, compensations.
+            controller: Custom configuration in place of a preset's; its joint speed is the task's.
+            allocator: Custom allocator, a subclass of `Allocator`, in place of the QP.
+            law: Custom control law, a subclass of `FlightController`, in place of the paper's; it can preview the
+                reference.
+            control: `core`, the controller that is compiled for the robot, or `python`, the Python controller; by
+                default the core, unless an allocator or a law is given.
             max_iter: Iteration cap of the QP solver.
             **options: Arguments of the task and of `SpidarEnv`.
 
@@ -94,11 +94,11 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
 
     @staticmethod
     def layout_of(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
-        """What a policy sees, by the size of its action and the robot that it flies."""
+        """Return the layout of the observation for a size of the action and a robot."""
         return layout(action_size, robot)
 
     def rules(self, *, truncates: bool = False, autoreset: str = "disabled") -> np.ndarray:
-        """`sp_hover_rules`."""
+        """Return the engine's rules, an `sp_hover_rules`."""
         record = np.zeros((), engine_layouts()["hover_rules"])
         fill(record["controller"], self._config)
         record["rules"]["is_described"] = self._described
@@ -109,7 +109,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
         self, robots: int, threads: int = 1, *, autoreset: str = "disabled", truncates: bool = False,
         rules: np.ndarray | None = None,
     ) -> Fleet:  # fmt: skip
-        """Robots of this environment in the engine, at no episode yet."""
+        """Make robots of this environment in the engine, before their first reset."""
         task, alike = self.task, not (self._randomization.draws or self.task.loads) and rules is None
         record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
         fleet = Fleet(
@@ -159,33 +159,33 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
 
     @property
     def truth(self) -> ControlState:
-        """What a controller with the true state would make of it."""
+        """Control state computed from the true state."""
         return self._known("truth")
 
     @property
     def path(self) -> Path | None:
-        """Where the CoG goes in this episode; None where it stays (`SpidarError` before the first reset)."""
+        """Path of the CoG in this episode; None for a hover (`SpidarError` before the first reset)."""
         return self._known("path")
 
     @property
     @in_turn
     def trim(self) -> np.ndarray | None:
-        """Wrench with which the integrals began [N, Nm]; None for the described robot."""
+        """Initial wrench of the integrals [N, Nm]; None for the described robot."""
         robot = self.fleet.robots[0]
         given = robot["is_given"] and robot["has_trim"]
         return robot["trim"].copy() if self._began and (given or not self._described) else None
 
     def compute_trim(self) -> np.ndarray:
-        """Wrench in {CoG} that the real robot needs at rest beyond what its description needs [N, Nm]."""
+        """Compute the wrench in {CoG} that the simulated robot needs at rest beyond the described one [N, Nm]."""
         return compute_trim(self.controller, self.plant, self.reference())
 
     def reference(self) -> Reference:
-        """What the controller is asked to do now."""
+        """Return the controller's current reference."""
         return self._known("reference")
 
     @in_turn
     def reference_ahead(self, seconds: float) -> Reference:
-        """What the controller will be asked to do so much later [s]: the next form and the path are known."""
+        """Return the reference after `seconds`, as known from the next form and the path."""
         progress, now = self.progress, self.reference()
         time, upcoming = progress.time + seconds, progress.next_goal
         target = now.joint_target

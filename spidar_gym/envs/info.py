@@ -1,4 +1,4 @@
-"""What `info` is made of: words, numbers and drawn robots of one robot, arrays and masks of many."""
+"""Construction of `info`: words, numbers and sampled parameters of one robot, arrays and masks of many."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,7 +13,7 @@ from spidar_gym.sim.randomize import TABLE
 
 
 def drawn(numbers: np.ndarray) -> dict[str, np.ndarray]:
-    """What was drawn of robots (…, numbers), by field of `PlantConfig`: arrays (…, shape of the field)."""
+    """Split the robots' sampled parameters (…, numbers) by field of `PlantConfig`: arrays (…, shape of the field)."""
     draws, at = dict[str, np.ndarray](), 0
     for row in TABLE:
         size = math.prod(row.shape)
@@ -24,21 +24,21 @@ def drawn(numbers: np.ndarray) -> dict[str, np.ndarray]:
 
 _STATUSES = tuple(str(word) for word in STATUS)
 SETS = ("shortfalls",)
-"""What names several words at once: their numbers are bits."""
+"""Entries that can hold several words: their codes are bit masks."""
 
 
 def words_of(failures: Iterable[str], words: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
-    """Words of `info` by name, in the order of their codes.
+    """Return the words of `info` by name, in the order of their codes.
 
     Args:
-        failures: Why an episode may be over.
-        words: What else an environment has.
+        failures: Names of the failures.
+        words: Other words of the environment.
     """
     return {"qp_status": _STATUSES, "failure": tuple(failures), **words}
 
 
 def spoken(name: str, code: int, words: Sequence[str]) -> str:
-    """What a code of `info` means: −1 is none, in `SETS` bit k is the k-th word."""
+    """Return the word of a code of `info`: −1 is none; in `SETS`, bit k is the k-th word."""
     if name in SETS:
         return ", ".join(word for k, word in enumerate(words) if code >> k & 1)
     return words[code] if code >= 0 else "none" if name == "qp_status" else ""
@@ -47,15 +47,15 @@ def spoken(name: str, code: int, words: Sequence[str]) -> str:
 def info_of(
     record: np.ndarray, terms: Iterable[str], values: np.ndarray, words: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
-    """What is told of a robot, an array, a number or a word each.
+    """Return `info` of a robot; each entry is an array, a number or a word.
 
     Args:
         record: `sp_hover_info` or one of the other tasks', shape (1,).
-        terms: Names of the terms of the reward.
-        values: Their values in this order.
-        words: What codes mean, by the word's name, in the order of the codes.
+        terms: Names of the reward terms.
+        values: Values of the terms in this order.
+        words: Words by the entry's name, in the order of their codes.
     """
-    # A copy of bytes, and one call that takes it apart: a record's own copy goes field by field.
+    # Copying the bytes and unpacking them in one call is faster than copying a record, which goes field by field.
     (common, *own), names = record.view(np.uint8).copy().view(record.dtype)[0].item(), _names(record.dtype)
     found = dict(zip(names, (*common, *own), strict=True))
     for name, value in zip(terms, values.tolist(), strict=True):
@@ -68,7 +68,7 @@ def info_of(
 
 @cache
 def _names(layout: np.dtype[Any]) -> tuple[str, ...]:
-    """Names of what a record of infos tells: what all environments do comes first."""
+    """Return the names of the entries of a record of infos; those common to all environments come first."""
     common, *own = list(layout.names or ("",))
     return (*(layout[common].names or ()), *own)
 
@@ -77,17 +77,17 @@ def arrays_of(
     fleet: Fleet, terms: Iterable[str], mask: np.ndarray, is_drawn: np.ndarray, *,
     ended: dict[str, np.ndarray] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Build `info` of all robots, words in it as codes: arrays of their own, (N, …) each, and a mask for every entry.
+    """Build `info` of all robots, with words as codes: new arrays (N, …), and a mask for every entry.
 
     Args:
         fleet: The robots.
-        terms: Names of the terms of the reward.
-        mask: Of which robots it is (N,).
-        is_drawn: Which robots are drawn (N,).
-        ended: What was drawn of the robots for their last episodes, where it is of these and others have begun.
+        terms: Names of the reward terms.
+        mask: Robots for which it is valid (N,).
+        is_drawn: Which robots are randomised (N,).
+        ended: Sampled parameters of the last episodes, to build `info` of their ends after the next have begun.
     """
     final = ended is not None
-    # Each a block of its own: JAX takes no view into records.
+    # Each array owns its memory: JAX accepts no views into records.
     info: dict[str, Any] = {name: each.copy() for name, each in (fleet.final_told if final else fleet.told).items()}
     info["term"] = (fleet.final_terms if final else fleet.terms).copy()
     info.update(zip(titles("reward_", terms), info["term"].T.copy(), strict=True))
@@ -98,12 +98,12 @@ def arrays_of(
 
 
 def draws_of(fleet: Fleet, is_drawn: np.ndarray) -> dict[str, np.ndarray]:
-    """What is drawn of all robots now, by field of `PlantConfig` (N, …); empty where none is drawn."""
+    """Return the sampled parameters of all robots by field of `PlantConfig` (N, …); empty without randomisation."""
     return drawn(fleet.robots["episode"]["drawn"]) if is_drawn.any() else {}
 
 
 def titles(prefix: str, names: Iterable[str]) -> tuple[str, ...]:
-    """Names with something before them, put together once."""
+    """Return names with a prefix, cached."""
     return _titles(prefix, tuple(names))
 
 

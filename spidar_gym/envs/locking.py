@@ -1,4 +1,4 @@
-"""Calls on an environment or a vector take turns, and end in one line where it is closed."""
+"""Serialisation of calls on an environment or a vector from several threads, and refusal of calls after `close`."""
 
 import functools
 import signal
@@ -13,9 +13,9 @@ CallT = TypeVar("CallT", bound=Callable[..., Any])
 
 
 def in_turn(method: CallT) -> CallT:
-    """A method that waits for the calls of other threads, and raises `SpidarError` once its object `is_closed`.
+    """Decorate a method so that it waits for other threads' calls and raises `SpidarError` if its object `is_closed`.
 
-    The object has a `turn`, which outlives what `reset` makes anew.
+    The object has a `turn`, which is kept when `reset` rebuilds the environment.
     """
 
     @functools.wraps(method)
@@ -30,7 +30,7 @@ def in_turn(method: CallT) -> CallT:
 
 @contextmanager
 def whole() -> Iterator[None]:
-    """Answer Ctrl-C when what is begun is done; on another thread than the main one it is not answered anyway."""
+    """Delay the handling of Ctrl-C to the end of the block; threads other than the main one do not receive it."""
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):
         yield

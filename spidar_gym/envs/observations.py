@@ -1,4 +1,4 @@
-"""Observations: flat numbers, a goal beside them, or what only a critic or a teacher may know; the goal's reward."""
+"""Observations: a flat vector, a dictionary with goals, or one with privileged values; the goal's reward."""
 
 import math
 from abc import ABC, abstractmethod
@@ -25,13 +25,13 @@ from spidar_gym.sim.energy import CAPACITY_WH, USABLE
 from spidar_gym.sim.randomize import TABLE, Row
 
 OBSERVATIONS = {
-    "vector": "one row of numbers, what the real robot measures or knows",
-    "goal": "that without the goal, and the goal beside it, for learners that say afterwards what the goal was (HER)",
-    "asymmetric": "that, and what only a critic or a teacher may know",
+    "vector": "one vector of values that the real robot measures or knows",
+    "goal": "the vector without the goal, and the achieved and desired goals, for hindsight experience replay (HER)",
+    "asymmetric": "the vector, and privileged values for a critic or a teacher",
 }
-"""Ways of observing, and what each shows."""
+"""Kinds of observations by name, with their contents."""
 MOST = 5.0
-"""Privileged numbers are clipped to ± this: most are within ± 1."""
+"""Limit to which privileged values are clipped; most are within ± 1."""
 _READ: tuple[tuple[str, Field], ...] = (
     ("state.position_w", Field("position", 3, 10.0, "m", "of the torso, world")),
     ("state.omega_b", Field("angular_velocity", 3, 10.0, "rad/s", "torso axes")),
@@ -39,14 +39,14 @@ _READ: tuple[tuple[str, Field], ...] = (
     ("state.joint_velocity", Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇")),
     ("state.joint_torque", Field("joint_torque", N_JOINTS, 10.0, "Nm", "of the joint servos")),
     ("state.thrust", Field("thrust", N_ROTORS, RobotSpec.max_thrust, "N", "λ₁ … λ₈ delivered")),
-    ("air_factor", Field("duct_thrust", N_DUCTS, 1.0, "", "of each duct over that in still air")),
+    ("air_factor", Field("duct_thrust", N_DUCTS, 1.0, "", "thrust of each duct over its thrust in still air")),
     ("air_force_w", Field("air_force", 3, 50.0, "N", "of the air besides the thrust in still air, world")),
     ("weather.mean_w", Field("wind", 3, 10.0, "m/s", "mean, world")),
     ("weather.gust_w", Field("gust", 3, 5.0, "m/s", "turbulence, world")),
-    ("weather.push_w", Field("push", 3, 50.0, "N", "that is on now, world")),
+    ("weather.push_w", Field("push", 3, 50.0, "N", "current push, world")),
     ("clearance", Field("clearance", 1, 2.0, "m", "least height of everything over the highest tile; 0 on a course")),
 )
-"""What is read of a simulated robot as it is there: member of `sp_plant`, what it is."""
+"""Privileged values that are read from the simulated robot: member of `sp_plant` and field."""
 _COMPUTED = (
     Field("up", 3, 1.0, "", "vertical, torso axes"),
     Field("heading", 2, 1.0, "", "sine and cosine of the torso's yaw"),
@@ -58,21 +58,21 @@ _COMPUTED = (
     Field("lost_thrust", N_ROTORS, 1.0, "", "1 for a module that has lost its thrust"),
     Field("lost_vectoring", N_ROTORS, 1.0, "", "1 for a module whose vectoring servos are stuck"),
 )
-"""What is computed of it."""
+"""Privileged values that are computed."""
 _MODULES = np.arange(1, N_ROTORS + 1)
 
 
 def privileged_layout(told: Sequence[Field]) -> tuple[Field, ...]:
-    """What `privileged` is, in order: each number is the value over its scale, which `bound` is here.
+    """Return the layout of `privileged`; each number is the value over its scale, which is the field's `bound`.
 
     Args:
-        told: What is taken from `info`, under its name there.
+        told: Fields that are read from `info`, by name.
     """
     return (*(f for _, f in _READ), *_COMPUTED, *told, *(_drawn_field(row) for row in TABLE))
 
 
 def _drawn_field(row: Row) -> Field:
-    """What is told of a number that may be drawn: how far it is from the middle of its range."""
+    """Return the field of a parameter that can be randomised: its deviation from the middle of its range."""
     what = {"set": "", "scale": " over nominal", "add": " less nominal"}[row.operation]
     middle, half = 0.5 * (row.low + row.high), 0.5 * (row.high - row.low)
     less = f" less {middle:.4g}" if middle else ""
@@ -81,14 +81,14 @@ def _drawn_field(row: Row) -> Field:
 
 @dataclass(frozen=True)
 class ShownRobots:
-    """Robots of which something is shown."""
+    """Data of robots from which observations are built."""
 
     records: np.ndarray
-    """All that there is of them (N,): each begins with an `sp_plant`."""
+    """Records of the robots (N,); each begins with an `sp_plant`."""
     told: Callable[[str], np.ndarray]
-    """What `info` tells of them, by name."""
+    """The robots' `info` by name."""
     wanted: np.ndarray | None = None
-    """What they are to reach, where there is a goal."""
+    """Desired goals (N, size), or None."""
 
     @property
     def plants(self) -> np.ndarray:
@@ -97,26 +97,26 @@ class ShownRobots:
 
 
 class Sight(ABC):
-    """What is shown in place of the flat numbers."""
+    """Observation that replaces the flat vector."""
 
     space: spaces.Dict
-    """What that is for one robot."""
+    """Space of one robot's observation."""
 
     @abstractmethod
     def look(self, flat: np.ndarray, robots: ShownRobots) -> dict[str, np.ndarray]:
-        """The parts of what is shown, a row for every robot each.
+        """Return the parts of the observation, with a row for every robot.
 
         Args:
-            flat: The flat numbers (N, size).
-            robots: Them.
+            flat: Flat observations (N, size).
+            robots: Data of the robots.
         """
 
 
 class GoalSight(Sight):
-    """`gymnasium_robotics`' convention: `observation`, `achieved_goal`, `desired_goal`."""
+    """Observation with goals as in `gymnasium_robotics`: `observation`, `achieved_goal`, `desired_goal`."""
 
     def __init__(self, flat: spaces.Box, layout: Sequence[Field], goal: Goal) -> None:
-        """Take what the flat numbers are, and the goal."""
+        """Build the space from the flat vector's space and layout and the goal."""
         shown = np.concatenate([np.full(f.size, f.name not in goal.left_out) for f in layout])
         self._shown = np.flatnonzero(shown)
         high = np.concatenate([np.full(f.size, f.bound, np.float32) for f in goal.fields])
@@ -130,10 +130,10 @@ class GoalSight(Sight):
             }
         )
         self.goal = goal
-        """What is to be reached."""
+        """Goal of the task."""
 
     def look(self, flat: np.ndarray, robots: ShownRobots) -> dict[str, np.ndarray]:
-        """The parts of what is shown, a row for every robot each."""
+        """Return the parts of the observation, with a row for every robot."""
         wanted = robots.wanted
         assert wanted is not None
         achieved = self.goal.achieved(robots.plants["state"], robots.told, wanted)
@@ -144,30 +144,30 @@ class GoalSight(Sight):
 
 
 class AsymmetricSight(Sight):
-    """What the actor sees, `observation`, and what only a critic or a teacher may: `privileged`."""
+    """Observation for asymmetric learning: the actor's `observation`, and `privileged` for a critic or a teacher."""
 
     def __init__(self, flat: spaces.Box, told: Sequence[Field]) -> None:
-        """Take what the flat numbers are, and what of `info` belongs to what is privileged."""
+        """Build the space from the flat vector's space and the privileged fields of `info`."""
         size = sum(f.size for f in privileged_layout(told))
         high = np.full(size, MOST, np.float32)
         self.space = spaces.Dict({"observation": flat, "privileged": spaces.Box(-high, high, dtype=np.float32)})
         self._told = tuple(told)
 
     def look(self, flat: np.ndarray, robots: ShownRobots) -> dict[str, np.ndarray]:
-        """The parts of what is shown, a row for every robot each."""
+        """Return the parts of the observation, with a row for every robot."""
         at, gain, offset = _places()
         count = len(flat)
         numbers = robots.records.view(np.float64).reshape(count, -1)[:, at] * gain + offset
         read = sum(f.size for _, f in _READ)
         told = [robots.told(f.name).reshape(count, -1) / f.bound for f in self._told]
         values = np.concatenate((numbers[:, :read], *_compute(robots.plants), *told, numbers[:, read:]), axis=1)
-        # A robot that has diverged may have a clearance that is no number.
+        # The clearance of a robot that has diverged may be NaN.
         return {"observation": flat, "privileged": np.fmin(np.fmax(values, -MOST), MOST).astype(np.float32)}
 
 
 @cache
 def _places() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where in a record the numbers are that are told as they are, in doubles; factors and terms that scale them."""
+    """Return the indices of the read values in a record, in doubles, and the factors and offsets that scale them."""
     at, gain, offset = [], [], []
     for path, field in _READ:
         at.append(_place(path, field.size))
@@ -185,7 +185,7 @@ def _places() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _place(path: str, size: int) -> np.ndarray:
-    """Where a member of `sp_plant` is, in doubles from its beginning."""
+    """Return the indices of a member of `sp_plant`, in doubles from its beginning."""
     dtype: Any = engine_layouts()["plant"]
     begin = 0
     for name in path.split("."):
@@ -197,7 +197,7 @@ def _place(path: str, size: int) -> np.ndarray:
 
 
 def _compute(plants: np.ndarray) -> list[np.ndarray]:
-    """The fields of `_COMPUTED`, scaled."""
+    """Return the fields of `_COMPUTED`, scaled."""
     state, disturbances = plants["state"], plants["disturbances"]
     w, x, y, z = state["quat_wb"].T
     R = (
@@ -226,26 +226,26 @@ def _compute(plants: np.ndarray) -> list[np.ndarray]:
 
 
 class Rewarding:
-    """The public functions of an environment with a goal, as in `gymnasium_robotics`; others have none."""
+    """Public functions of an environment with a goal, as in `gymnasium_robotics`; others raise `NoGoalError`."""
 
     sight: Sight | None
-    """What is shown in place of the flat numbers, if anything."""
+    """Observation that replaces the flat vector, or None."""
     is_closed: bool
     """Whether `close` was called."""
 
     @property
     def compute_reward(self) -> Callable[[Any, Any, Any], Any]:
-        """`Goal.compute_reward` (`NoGoalError` where there is no goal)."""
+        """`Goal.compute_reward` (`NoGoalError` without a goal)."""
         return self._goal("compute_reward").compute_reward
 
     @property
     def compute_terminated(self) -> Callable[[Any, Any, Any], Any]:
-        """`Goal.compute_terminated` (`NoGoalError` where there is no goal)."""
+        """`Goal.compute_terminated` (`NoGoalError` without a goal)."""
         return self._goal("compute_terminated").compute_terminated
 
     @property
     def compute_truncated(self) -> Callable[[Any, Any, Any], Any]:
-        """`Goal.compute_truncated` (`NoGoalError` where there is no goal)."""
+        """`Goal.compute_truncated` (`NoGoalError` without a goal)."""
         return self._goal("compute_truncated").compute_truncated
 
     def _goal(self, name: str) -> Goal:
@@ -257,14 +257,14 @@ class Rewarding:
 
 
 class Observed(Rewarding):
-    """An environment of one robot."""
+    """Observations and pictures of an environment of one robot."""
 
     goal_type: ClassVar[type[Goal] | None] = None
-    """What there is to reach."""
+    """Class of the goal; None without one."""
     no_goal: ClassVar[str] = ""
-    """Why there is nothing that hindsight could put in its place."""
+    """Reason why the environment has no goal."""
     true_fields: ClassVar[tuple[Field, ...]] = ()
-    """What of `info` only a critic may know, with its scale."""
+    """Privileged fields of `info`, with their scales."""
     fleet: Fleet
     plant: Plant
     view: View
@@ -273,21 +273,21 @@ class Observed(Rewarding):
     def _choose_sight(
         self, observation: str, goal_reward: str, flat: spaces.Box, layout: Sequence[Field]
     ) -> Sight | None:
-        """What is shown in place of the flat numbers."""
+        """Return the observation that replaces the flat vector, or None."""
         require_name("observation", observation, OBSERVATIONS)
         require_name("goal_reward", goal_reward, REWARDS)
         if observation == "goal":
             if self.goal_type is None:
                 raise InvalidValueError("observation", observation, f"vector or asymmetric: {self.no_goal}")
             if self.task.is_own:
-                raise InvalidValueError("observation", observation, "vector or asymmetric: a task of one's own rewards")
+                raise InvalidValueError("observation", observation, "vector or asymmetric with a custom reward")
             return GoalSight(flat, layout, self.goal_type(goal_reward))
         if goal_reward != "sparse":
             raise InvalidValueError("goal_reward", goal_reward, "none, or observation='goal', which has a goal")
         return AsymmetricSight(flat, self.true_fields) if observation == "asymmetric" else None
 
     def _show(self, flat: np.ndarray) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
-        """What a client is shown, of the flat numbers (size,), which are handed out."""
+        """Return the observation built from the flat vector (size,); without a `sight`, the vector itself."""
         if self.sight is None:
             return flat
         shown = self.sight.look(flat[None], robots_of(self.sight, self.fleet))
@@ -295,33 +295,33 @@ class Observed(Rewarding):
 
     @in_turn
     def render(self) -> Any:  # noqa: ANN401 - an array or None, as Gymnasium has it
-        """Picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human`."""
+        """Return a picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human`."""
         return self.view.draw(self.plant.data.qpos, self.plant.config.ground, self.plant.period)
 
     def _rewarded(self, shown: Any, reward: float) -> float:  # noqa: ANN401 - as above
-        """The reward of what is shown: that of its goal, if it has one."""
+        """Return the reward: the goal's if there is a goal, else the task's."""
         if not isinstance(self.sight, GoalSight):
             return reward
         return float(self.sight.goal.reward(shown["achieved_goal"], shown["desired_goal"]))
 
 
 def robots_of(sight: Sight, fleet: Fleet) -> ShownRobots:
-    """Robots in the engine."""
+    """Collect the data of a fleet's robots for observations."""
     wanted = sight.goal.wanted(fleet) if isinstance(sight, GoalSight) else None
     return ShownRobots(fleet.robots, lambda name: fleet.infos[name], wanted)
 
 
 class Shown:
-    """What a vector shows of its robots; its arrays are written anew at every tick."""
+    """Observations of a vector's robots, in arrays that each tick overwrites."""
 
     def __init__(self, sight: Sight, robots: int, *, same_step: bool) -> None:
-        """Make room.
+        """Allocate the arrays.
 
         Args:
-            sight: What is shown.
-            robots: Of how many.
-            same_step: Whether an episode begins in the step in which the last one ends. The engine leaves that to this
-                class: what its end looked like is read of robots that are still there.
+            sight: Observation to build.
+            robots: Number of robots.
+            same_step: Whether an episode begins in the step in which the last one ends. This class then resets the
+                robots in place of the engine, after it has read their final observations.
         """
         self._sight, self._same_step = sight, same_step
         self.now, self.final = (
@@ -330,16 +330,16 @@ class Shown:
         )
 
     def look(self, fleet: Fleet, flat: np.ndarray) -> None:
-        """Write what is now, of robots and their flat numbers."""
+        """Write the current observations."""
         for name, rows in self._sight.look(flat, robots_of(self._sight, fleet)).items():
             self.now[name][...] = rows
 
     def conclude(self, fleet: Fleet, ids: np.ndarray | None) -> None:
-        """Go on where robots have moved: rewards of their goals, and the next episode of those at an end.
+        """Process a step: write observations and goal rewards, and reset robots at an end in the same step.
 
         Args:
             fleet: The robots.
-            ids: Which ones have moved, all if not given.
+            ids: Robots that have moved, all if None.
         """
         self.look(fleet, fleet.observations)
         if isinstance(self._sight, GoalSight):

@@ -1,4 +1,4 @@
-"""Arguments of the environments: which ones there are, and what those that all take are made into."""
+"""Arguments of the environments: their names, and the parsing of task, robot and solver settings."""
 
 import importlib
 import inspect
@@ -22,11 +22,11 @@ TaskT = TypeVar("TaskT", bound=Task[Any])
 OF_VECTORS = ("num_threads", "autoreset_mode", "max_episode_steps")
 """Arguments that only a vector has."""
 OF_ONE = ("control", "allocator", "law")
-"""Arguments that only a single robot's environment has: the core controls every robot of a vector."""
+"""Arguments that only a single robot's environment has, since the core controls every robot of a vector."""
 
 
 def option_names(shared: type, env: type, task: type) -> list[str]:
-    """Names of all arguments: those of the task, of `env`, and of what all share."""
+    """Return the names of all arguments: those of the task, of `env`, and of `shared`."""
     named = [
         name
         for kind in (env, shared)
@@ -39,17 +39,17 @@ def option_names(shared: type, env: type, task: type) -> list[str]:
 def make_task(
     shared: type, env: type, built_in: type[TaskT], options: Mapping[str, Any], known: Mapping[str, Any] | None = None
 ) -> tuple[TaskT, dict[str, Any]]:
-    """The task of an environment, and the arguments that are none of it.
+    """Make the task of an environment, and return it with the remaining arguments.
 
     Args:
-        shared: Class of what all environments share.
+        shared: Base class of all environments.
         env: Class of the environment.
         built_in: Class of its task; `options["task"]` may be an object of a class derived from it.
-        options: All arguments but those that `env` itself has.
-        known: Arguments of the task that are others than its defaults where they are not given.
+        options: All arguments but those of `env` itself.
+        known: Values of task arguments that replace the task's defaults.
 
     Raises:
-        UnknownArgumentError: For an argument that does not exist; it lists all that there are.
+        UnknownArgumentError: For an argument that does not exist; it lists the valid ones.
         InvalidValueError: For a task of other robots, weights that do not add up to 1, failures without `diverged`.
     """
     given = find_task(options.get("task"), built_in)
@@ -65,19 +65,19 @@ def make_task(
     if not check_weights(task):
         raise InvalidValueError("reward_terms", dict(task.reward_terms), "weights that add up to 1")
     if "diverged" not in task.failures:
-        raise InvalidValueError("failures", list(task.failures), "diverged among them: the engine says that")
+        raise InvalidValueError("failures", list(task.failures), "failures with diverged, which the engine reports")
     arguments = {*option_names(shared, env, built_in)} - {field.name for field in fields(built_in)}
     twice = sorted(arguments & {*names})
     if twice:
-        raise InvalidValueError("task", kind.__name__, f"one whose options are not called {', '.join(twice)}")
+        raise InvalidValueError("task", kind.__name__, f"a task without options named {', '.join(twice)}")
     return task, rest
 
 
 def find_task(task: object, built_in: type[TaskT]) -> TaskT | type[TaskT]:
-    """A task that a user gives: an object, a class, or its name `module:Class`; the built-in one for None.
+    """Return a task as an object or a class, given as an object, a class, or a name `module:Class`; None: `built_in`.
 
     Raises:
-        InvalidValueError: For a name that leads to no class, and a task of other robots.
+        InvalidValueError: For a name of no class, and a task of other robots.
     """
     if task is None:
         return built_in
@@ -87,14 +87,14 @@ def find_task(task: object, built_in: type[TaskT]) -> TaskT | type[TaskT]:
         try:
             found = getattr(importlib.import_module(module), name)
         except (ImportError, AttributeError, ValueError) as error:
-            raise InvalidValueError("task", task, f"module:Class of a task that Python finds ({error})") from None
+            raise InvalidValueError("task", task, f"module:Class of an importable task ({error})") from None
     if not issubclass(found if isinstance(found, type) else type(found), built_in):
         raise InvalidValueError("task", task, f"an object of a class derived from {built_in.__name__}")
-    return found  # pyright: ignore[reportReturnType] - it was looked at
+    return found  # pyright: ignore[reportReturnType] - checked above
 
 
 def require_vector_options(shared: type, env: type, task: type, options: Collection[str]) -> None:
-    """Raise `UnknownArgumentError` for what is no argument of a vector of this environment."""
+    """Require options to be arguments of a vector of this environment (`UnknownArgumentError`)."""
     valid = [*dict.fromkeys([*OF_VECTORS, *(n for n in option_names(shared, env, task) if n not in OF_ONE)])]
     for name in OF_ONE:
         if name in options:
@@ -103,11 +103,11 @@ def require_vector_options(shared: type, env: type, task: type, options: Collect
 
 
 def own_robot(plant: PlantConfig | None, robot: Any = None) -> PlantConfig:  # noqa: ANN401 - whatever a user gives
-    """The simulated robot.
+    """Return the simulated robot.
 
     Args:
-        plant: One of the user's own; by default it is as described.
-        robot: The description, as `RobotSpec.parse` takes it; the plant's by default, and else the nominal robot.
+        plant: Custom simulated robot; by default it equals the description.
+        robot: The description, as `RobotSpec.parse` takes it; by default the plant's, or the nominal robot.
 
     Raises:
         InvalidValueError: For a plant of another robot.
@@ -117,18 +117,18 @@ def own_robot(plant: PlantConfig | None, robot: Any = None) -> PlantConfig:  # n
     require_instance(PlantConfig, plant=plant)
     if robot is not None and plant.robot != RobotSpec.parse(robot):
         given = f"of a robot of {plant.robot.total_mass:.4g} kg"
-        raise InvalidValueError("plant", given, "one of the robot that is given: PlantConfig.of(robot), changed")
+        raise InvalidValueError("plant", given, "a plant of the given robot: PlantConfig.of(robot), changed")
     return plant
 
 
 def described_robot(arguments: dict[str, Any]) -> RobotSpec:
-    """The robot that arguments of an environment mean, which stands in them afterwards (errors as of `own_robot`)."""
+    """Return the described robot and store it in the arguments as `robot` (errors as for `own_robot`)."""
     robot = own_robot(arguments.get("plant"), arguments.get("robot")).robot
     arguments["robot"] = robot
     return robot
 
 
 def solver_settings(max_iter: int) -> AllocatorConfig:
-    """Settings of the QP solver with an iteration cap of one's own."""
+    """Return settings of the QP solver with an iteration cap."""
     require_least(1, max_iter=max_iter)
     return AllocatorConfig(max_iter=int(max_iter))

@@ -1,4 +1,4 @@
-"""How far the episode of a single robot has come: the engine's counts as dataclasses."""
+"""Progress of a single robot's episode: the engine's counters as dataclasses."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -14,28 +14,28 @@ from spidar_gym.tasks.start import FormGoal, read_goals
 
 @dataclass(frozen=True)
 class FlightProgress:
-    """How far a flight has come."""
+    """Progress of a flight."""
 
     goals: tuple[FormGoal, ...]
-    """The schedule."""
+    """Scheduled forms."""
     ticks: int = 0
     """Ticks flown."""
     current: int = 0
-    """Index of the goal that is the target now."""
+    """Index of the current target form."""
     position_sum: float = 0.0
     """Sum of squared position errors [m²]."""
     attitude_sum: float = 0.0
     """Sum of squared attitude errors [rad²]."""
     reached: frozenset[int] = frozenset()
-    """Goals reached in time."""
+    """Indices of forms reached in time."""
 
     @classmethod
     def read(cls, record: Any, rows: np.ndarray) -> "FlightProgress":  # noqa: ANN401 - an entry of a structured array
-        """That of a robot in the engine.
+        """Read the progress of a robot in the engine.
 
         Args:
-            record: `sp_hover_robot`.
-            rows: Its `sp_goal`.
+            record: The robot's `sp_hover_robot`.
+            rows: The robot's `sp_goal` records.
         """
         rows = rows[: int(record["goals"])]
         return cls(
@@ -50,16 +50,16 @@ class FlightProgress:
 
     @property
     def goal(self) -> FormGoal:
-        """The form to reach now."""
+        """The current target form."""
         return self.goals[self.current]
 
     @property
     def next_goal(self) -> FormGoal | None:
-        """The form after it."""
+        """The next target form, or None."""
         return self.goals[self.current + 1] if self.current + 1 < len(self.goals) else None
 
     def plan(self) -> JointVector:
-        """Joint angles of the schedule now: straight lines from form to form [rad]."""
+        """Return the joint angles planned for now, interpolated linearly between forms [rad]."""
         goal = self.goal
         if self.current == 0 or self.time >= goal.deadline or goal.deadline <= goal.start:
             return goal.joint_target
@@ -67,19 +67,19 @@ class FlightProgress:
         return start + (self.time - goal.start) / (goal.deadline - goal.start) * (goal.joint_target - start)
 
     def overdue(self) -> set[int]:
-        """Goals that were due by now and not reached in time."""
+        """Return the indices of forms that were due and not reached in time."""
         due = {i for i, goal in enumerate(self.goals) if i > 0 and goal.deadline + ARRIVAL_GRACE <= self.time}
         return due - self.reached
 
 
 @dataclass(frozen=True)
 class CrawlProgress:
-    """How far a crawl has come, and what it has cost."""
+    """Progress of a crawl, and its slip, saturation and thrust."""
 
     goal: Pose2
-    """Where to, world."""
+    """Goal of the torso, world."""
     nominal_time: float
-    """How long the preset's gait takes, servos perfect [s]."""
+    """Time that the preset's gait takes with ideal servos [s]."""
     error: Vector3
     """Goal − torso: x, y [m], world, and yaw [rad]."""
     initial_distance: float
@@ -87,19 +87,19 @@ class CrawlProgress:
     distance: float
     """Distance to the goal now [m]."""
     crawled: int
-    """Control periods."""
+    """Control periods since the start."""
     finished: float
-    """When the gait was done, or without one the robot had rested at the goal [s]; 0 before."""
+    """Time at which the gait was complete or, without a gait, the robot had rested at the goal [s]; 0 before."""
     rested: int
-    """Ticks, up to now, of resting at the goal; counted where there is no gait."""
+    """Consecutive ticks of rest at the goal; counted only without a gait."""
     swing_ticks: np.ndarray
     """Ticks in which each leg swings (4,)."""
     airborne_ticks: np.ndarray
-    """Ticks of these in which its foot was in the air (4,)."""
+    """Ticks of each leg's swing in which its foot was in the air (4,)."""
     foot_slip: np.ndarray
-    """Way of each foot's touching point along the floor (4,) [m]."""
+    """Distance that each foot has slid along the floor (4,) [m]."""
     peg_slip: np.ndarray
-    """Way of the touching point of each of the torso's pegs along the floor (4,) [m]."""
+    """Distance that each of the torso's pegs has slid along the floor (4,) [m]."""
     duct_clearance: float
     """Least height of a duct over the floor so far [m]."""
     duct_contact: bool
@@ -119,7 +119,7 @@ class CrawlProgress:
 
     @classmethod
     def read(cls, record: Any) -> "CrawlProgress":  # noqa: ANN401 - numpy's row
-        """That of a robot in the engine, an `sp_crawl_robot`."""
+        """Read the progress of a robot in the engine, an `sp_crawl_robot`."""
         values: dict[str, Any] = {}
         for each in fields(cls):
             value = record[each.name]
@@ -129,7 +129,7 @@ class CrawlProgress:
 
     @property
     def ticks(self) -> int:
-        """Control periods."""
+        """Control periods since the start."""
         return self.crawled
 
     @property
@@ -139,19 +139,19 @@ class CrawlProgress:
 
     @property
     def airborne(self) -> float:
-        """Share of its swing in which the worst foot was in the air; 1 before the first swing."""
+        """Share of its swing that the worst foot was in the air; 1 before the first swing."""
         swung = self.swing_ticks > 0.0
         return float((self.airborne_ticks[swung] / self.swing_ticks[swung]).min(initial=1.0))
 
 
 @dataclass(frozen=True)
 class CourseProgress:
-    """How far a course has come, and what it has cost."""
+    """Progress of a course, and its energy and contact forces."""
 
     goal: Pose2
-    """Where to, world."""
+    """Goal of the torso, world."""
     spent_wh: float
-    """Energy that the battery lacks at the start [Wh]."""
+    """Energy missing from a full battery at the start [Wh]."""
     initial_distance: float
     """Distance to the goal at the start, a radian counting `TURN_LENGTH` [m]."""
     error: Vector3
@@ -159,25 +159,25 @@ class CourseProgress:
     distance: float
     """Distance to the goal now [m]."""
     controls: int
-    """Control periods."""
+    """Control periods since the start."""
     arrived: float
-    """Since when the robot lies at the goal [s]; 0 if it does not."""
+    """Time since which the robot lies at the goal [s]; 0 if it does not."""
     flown: int
-    """Control periods with the weight on the rotors or on its way there: all but lying and crawling."""
+    """Control periods in all phases but lying and crawling."""
     crawled: int
     """Control periods of crawling."""
     lies: bool
-    """Whether it lies on the floor at rest."""
+    """Whether the robot lies on the floor at rest."""
     hit: float
-    """Largest force of the last step on anything but feet and pegs [N]."""
+    """Largest force of the last step on parts other than feet and pegs [N]."""
     most_hit: float
-    """The same of the episode."""
+    """Largest force of the episode on parts other than feet and pegs [N]."""
     charge: float
-    """What is left of the battery's usable energy, 0 … 1."""
+    """Share of the battery's usable energy that is left, 0 … 1."""
 
     @classmethod
     def read(cls, record: Any) -> "CourseProgress":  # noqa: ANN401 - numpy's row
-        """That of a robot in the engine, an `sp_course_robot`."""
+        """Read the progress of a robot in the engine, an `sp_course_robot`."""
         names = ("initial_distance", "distance", "controls", "arrived", "flown", "crawled", "hit", "most_hit", "charge")
         values = {name: record[name].item() for name in names}
         goal, spent = Pose2(*record["course"]["goal"].tolist()), record["plant"]["spent_wh"].item()

@@ -1,4 +1,4 @@
-"""One table: environment id → task and horizon. String entry points only, so that every spec survives JSON."""
+"""Registry of the environments by id; entry points are strings, so that every specification can be stored in JSON."""
 
 from dataclasses import dataclass
 
@@ -10,23 +10,23 @@ from spidar_gym.errors import require_name
 
 
 class RegisteredSteps(int):
-    """Length of an episode that nobody has asked for: `horizon_s` goes before it."""
+    """Default length of an episode, which `horizon_s` overrides."""
 
 
 HORIZON = WrapperSpec("Horizon", "spidar_gym.envs.horizon:Horizon", {})
-"""What ends every environment's episodes."""
+"""Wrapper that truncates the episodes of every environment."""
 
 
 class OnlyOfOne(tuple[WrapperSpec, ...]):
-    """Wrappers that `gymnasium.make` puts around an environment; its vector, which ends episodes itself, has none.
+    """Wrappers that `gymnasium.make` applies; a native vector truncates episodes itself and needs none.
 
-    `gymnasium.make` takes them one by one; `gymnasium.make_vec` asks how many there are, and refuses a vector with any.
+    `gymnasium.make` iterates over the wrappers. `gymnasium.make_vec` reads their number, and refuses any number but 0.
     """
 
     __slots__ = ()
 
     def __len__(self) -> int:
-        """None of a vector's."""
+        """Return 0, the number of a vector's wrappers."""
         return 0
 
 
@@ -38,15 +38,15 @@ class Entry:
     """One registered environment."""
 
     entry_point: str
-    """Its class, `module:name`."""
+    """Class of the environment, `module:name`."""
     vector_entry_point: str
-    """What makes many of it in native code, `module:name`."""
+    """Function that makes its native vector, `module:name`."""
     horizon: int
-    """Steps of an episode: those of the task's `horizon_s`."""
+    """Steps of an episode, from the task's `horizon_s`."""
     doc: str
-    """What it is, in one line."""
+    """Description in one line."""
     hold: int = 1
-    """Control periods of a step."""
+    """Control periods per step."""
 
     @property
     def seconds(self) -> float:
@@ -76,24 +76,24 @@ ENVIRONMENTS: dict[str, Entry] = {
 
 
 def import_id(name: str) -> str:
-    """The id for a process that has not imported this package: Gymnasium imports what stands before the colon."""
+    """Return the id for a process that has not imported this package: Gymnasium imports the part before the colon."""
     return f"{__name__.partition('.')[0]}:{name}"
 
 
 def register() -> None:
-    """Tell Gymnasium about them; importing this does it, and importing `spidar_gym`, once there is Gymnasium."""
+    """Register the environments in Gymnasium, as importing this module or, with Gymnasium, `spidar_gym` does."""
     for name, entry in ENVIRONMENTS.items():
         if name not in gymnasium.registry:
             _register(name, entry, {})
 
 
 def register_task(name: str, base: str, task: object, **options: object) -> None:
-    """Tell Gymnasium about a task of one's own, for `gymnasium.make` and `gymnasium.make_vec`.
+    """Register a custom task in Gymnasium, for `gymnasium.make` and `gymnasium.make_vec`.
 
     Args:
-        name: Its id, such as `mine/Eight-v0`.
-        base: Id of the environment whose robots do it.
-        task: As the environment's argument `task`; by its name `module:Class` the specification survives JSON.
+        name: New id, such as `mine/Eight-v0`.
+        base: Id of the environment that runs the task.
+        task: As the environment's argument `task`; given as `module:Class`, the specification can be stored in JSON.
         **options: Other arguments of the environment.
 
     Raises:
@@ -114,7 +114,7 @@ def _register(name: str, entry: Entry, arguments: dict[str, object]) -> None:
 
 
 def environment(name: str) -> Entry:
-    """Entry by id (`UnknownNameError` lists the valid ones)."""
+    """Return an entry by id (`UnknownNameError` lists the valid ones)."""
     require_name("environment", name, ENVIRONMENTS)
     return ENVIRONMENTS[name]
 

@@ -1,4 +1,4 @@
-"""Environments that are made anew at reset: with another argument of the task, or robots drawn in another way."""
+"""Rebuilding of an environment when `reset` changes arguments of its task or its randomisation."""
 
 import inspect
 from abc import ABC, abstractmethod
@@ -16,47 +16,47 @@ from spidar_gym.turn import Turn
 
 
 class Resettable(ABC):
-    """What an environment is made of, and how `reset` changes that."""
+    """Arguments of an environment, and their change by `reset`."""
 
     task_type: ClassVar[type[Any]]
-    """Class of its task."""
+    """Class of the task."""
     task: Any
-    """What is to be done, a frozen dataclass of arguments."""
+    """The task, a frozen dataclass of arguments."""
     layout: tuple[Field, ...]
-    """What a policy sees, piece by piece."""
+    """Fields of the observation, in order."""
     hold: int
-    """Control periods of a step."""
+    """Control periods per step."""
     reset_options: tuple[str, ...] = ("disturbances",)
-    """Names of the options of `reset` beside the arguments that it takes anew."""
+    """Names of the options of `reset` that need no rebuilding."""
     view: View
-    """How it is looked at."""
+    """Renderer."""
     turn: Turn
-    """Orders the calls on it from several threads."""
+    """Lock that serialises calls from several threads."""
     is_closed: bool = False
-    """Whether `close` was called: nothing else can be from then on."""
+    """Whether `close` was called; other calls then raise `SpidarError`."""
     most_steps: int | None = None
-    """Steps that whoever made it allows an episode; None where the task alone says."""
+    """Limit of an episode's steps from `max_episode_steps`; None if only the task's `horizon_s` applies."""
     truncates: bool = False
     """Whether an episode is truncated at its horizon."""
     ticks: int
     """Steps since the reset."""
     _arguments: dict[str, Any]
-    """What it is made of, but for `_choices`."""
+    """Arguments of the constructor without `_choices`."""
     _choices: dict[str, Any]
-    """Arguments that `reset` changes without making it anew: what they are from now on."""
+    """Current values of the arguments that `reset` changes without rebuilding."""
     _is_bare = False
-    """Whether it has neither robot nor controller: it says what others in a vector are to do."""
+    """Whether it has neither robot nor controller, and only provides the rules for robots of a vector."""
     _kept: ClassVar[tuple[str, ...]] = ()
-    """Attributes that options of `reset` set, and that no argument gives."""
+    """Attributes that only options of `reset` set, not arguments."""
 
     def __init_subclass__(cls) -> None:
-        """Show the arguments of `__init__` to whoever asks for them, and not those of `__new__`."""
+        """Set the signature to that of `__init__`; `inspect` would show that of `__new__`."""
         super().__init_subclass__()
         _, *rest = inspect.signature(cls.__init__).parameters.values()
         cls.__signature__ = inspect.Signature(rest)
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401 - arguments of the class, an object of it
-        """Keep what it is made of, so that `reset` can have another argument."""
+        """Store the arguments, so that `reset` can rebuild the environment with others."""
         del args
         env = super().__new__(cls)
         env.turn = Turn()
@@ -69,7 +69,7 @@ class Resettable(ABC):
 
     @property
     def horizon(self) -> int:
-        """Steps after which the episode ends, unless it fails before."""
+        """Steps after which the episode is truncated."""
         own = max(1, round(self.task.horizon_s * CONTROL_RATE / self.hold))
         if self.most_steps is None:
             return own
@@ -78,11 +78,11 @@ class Resettable(ABC):
 
     @in_turn
     def end(self, max_episode_steps: int | None) -> None:
-        """Say when an episode is truncated.
+        """Set the number of steps after which an episode is truncated.
 
         Args:
-            max_episode_steps: After how many steps, at most those of `horizon_s` where that was given; −1 for never;
-                None for the task's `horizon_s`.
+            max_episode_steps: Number of steps, at most those of `horizon_s` if that was given; −1 for never; None for
+                the task's `horizon_s`.
 
         Raises:
             InvalidValueError: For a number below 1 other than −1.
@@ -91,29 +91,29 @@ class Resettable(ABC):
         if most is not None:
             require_least(1, max_episode_steps=most)
         self.truncates, self.most_steps = max_episode_steps != -1, None if most is None else int(most)
-        # It stays where a reset makes the environment anew, and goes before what was said when that was first made.
+        # A rebuilding reset keeps this value, which overrides the argument of the constructor.
         self._arguments = {name: value for name, value in self._arguments.items() if name != "max_episode_steps"}
 
     @property
     def is_over(self) -> bool:
-        """Whether the episode has come to its end."""
+        """Whether the episode is truncated."""
         return self.truncates and self.ticks >= self.horizon
 
     @property
     def reset_arguments(self) -> tuple[str, ...]:
-        """Arguments that `reset` takes as options: those of the task, its own too, and how robots are drawn."""
+        """Arguments that are also options of `reset`: those of the task, a custom one's too, and the randomisation."""
         return (*(field.name for field in fields(self.task)), "randomization", "task")
 
     @abstractmethod
     def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
-        """Attributes that an option of `reset` sets from now on, and their values; refuses what is not valid."""
+        """Return the attributes that an option of `reset` sets, with their values; raise for an invalid value."""
 
     @abstractmethod
     def _empty(self) -> None:
-        """Let go of robot and controller."""
+        """Release the robot and the controller."""
 
     def close(self) -> None:
-        """Release window or OpenGL context, and what the controller holds; a second call does nothing."""
+        """Release the window or OpenGL context, the robot and the controller; a second call does nothing."""
         with self.turn.lock:
             if not self.is_closed:
                 self.is_closed = True
@@ -121,25 +121,25 @@ class Resettable(ABC):
                 self._empty()
 
     def variant(self, arguments: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of its own class
-        """One of its kind with other arguments, which has neither robot nor controller: it says what others are to do.
+        """Return an environment with some other arguments, without robot and controller, to take rules from.
 
         Args:
-            arguments: Those that differ.
+            arguments: Arguments that differ.
 
         Raises:
-            UnknownNameError, InvalidValueError: For what is not valid.
+            UnknownNameError, InvalidValueError: For an argument that is not valid.
         """
         kind, own = type(self), self._with(arguments)
         env = kind.__new__(kind, **own)
         env._is_bare, env.most_steps = True, self.most_steps
         env.__init__(**own)
         if env.layout != self.layout:
-            raise InvalidValueError("task", env.task, "one with the fields of now: an observation keeps its size")
+            raise InvalidValueError("task", env.task, "a task with the same fields: an observation keeps its size")
         env.view = self.view
         return env
 
     def _with(self, others: Mapping[str, Any]) -> dict[str, Any]:
-        """All arguments, where some are others: options of a task of one's own are those of `task`."""
+        """Merge new values into the arguments; options of a custom task are merged into `task`."""
         arguments = self._arguments | self._choices | dict(others)
         task = find_task(arguments.get("task"), self.task_type)
         built_in = {field.name for field in fields(self.task_type)}
@@ -149,7 +149,7 @@ class Resettable(ABC):
         return arguments
 
     def _choose(self, options: object) -> dict[str, object]:
-        """Attributes that options of `reset` set, and their values; it is made anew where its arguments are others."""
+        """Return the attributes that options of `reset` set, with their values; rebuild for changed arguments."""
         names = (*self.reset_options, *self.reset_arguments)
         given = require_keys("options", "reset option", options, dict.fromkeys(names))
         own = {name: value for name, value in given.items() if name in self.reset_options}
@@ -160,7 +160,7 @@ class Resettable(ABC):
             self._choices = self._choices | made
             return {name: value for each in chosen for name, value in each.items()}
         arguments = self._with(made | others)
-        trial = self.variant(made | others)  # what is not valid is refused here, and nothing has changed
+        trial = self.variant(made | others)  # raises for invalid values before anything is changed
         chosen = [trial._chosen(name, value) for name, value in own.items() if name not in made]
         kept = {name: getattr(self, name) for name in self._kept}
         self._empty()

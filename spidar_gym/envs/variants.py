@@ -1,4 +1,4 @@
-"""What each robot of a vector is asked and drawn from, where options of `reset` make them differ."""
+"""Robots of a vector with different arguments, from options of `reset`."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,15 +13,15 @@ Env = SpidarEnv[Any, Any, Any]
 
 
 def varied(envs: Sequence[Env], options: Mapping[str, Sequence[Any]], ids: Sequence[int]) -> list[Env]:
-    """Environments of all robots, where some get other arguments; nothing has changed yet.
+    """Return the environments of all robots after a change of arguments, without changing anything.
 
     Args:
-        envs: Those of all robots; robots that are asked the same share one.
-        options: Arguments by name, an entry for every robot.
-        ids: Whose entries count.
+        envs: Current environments of all robots; robots with the same arguments share one.
+        options: Arguments by name, with an entry for every robot.
+        ids: Robots whose arguments change.
 
     Raises:
-        UnknownNameError, InvalidValueError: For what is not valid.
+        UnknownNameError, InvalidValueError: For an argument that is not valid.
     """
     found, made = list(envs), dict[tuple[int, str], Env]()
     for k in ids:
@@ -36,15 +36,15 @@ def varied(envs: Sequence[Env], options: Mapping[str, Sequence[Any]], ids: Seque
 def make_fleet(
     envs: Sequence[Env], old: Fleet, threads: int, *, autoreset: str, truncates: bool, alike: bool
 ) -> Fleet:  # fmt: skip
-    """Robots that go on in the arrays of others, each with the rules of its own environment; all have to begin anew.
+    """Make robots with separate rules that use the arrays of another fleet; all must be reset afterwards.
 
     Args:
-        envs: Those of all robots.
-        old: The others, which are closed.
-        threads: How many threads carry them.
-        autoreset: As of `SpidarEnv.make_fleet`.
-        truncates: Likewise.
-        alike: Whether all have the first one's rules, and so need no copies of their own.
+        envs: Environments of all robots.
+        old: The other fleet, which is closed.
+        threads: Number of threads.
+        autoreset: As for `SpidarEnv.make_fleet`.
+        truncates: As for `SpidarEnv.make_fleet`.
+        alike: Whether all have the first environment's rules, so that they share one copy.
     """
     how = {"autoreset": autoreset, "truncates": truncates}
     rules = None if alike else np.array([env.rules(**how) for env in envs])
@@ -55,7 +55,7 @@ def make_fleet(
 
 
 def rewrite(fleet: Fleet, envs: Sequence[Env], ids: Sequence[int], *, autoreset: str, truncates: bool) -> None:
-    """Give some robots of a fleet other rules of their own, from their next episodes on, which have to begin now."""
+    """Write other rules for some robots of a fleet, which must be reset afterwards."""
     for k in ids:
         fleet.rules[k] = envs[k].rules(autoreset=autoreset, truncates=truncates)
     fleet.engine.configure(np.ascontiguousarray(fleet.rules["rules"]["plant"]), np.array(ids, np.int32))
@@ -63,7 +63,7 @@ def rewrite(fleet: Fleet, envs: Sequence[Env], ids: Sequence[int], *, autoreset:
 
 
 def make_room(fleet: Fleet, envs: Sequence[Env]) -> None:
-    """Let the longest episode have its forms, and its path its knots."""
+    """Allocate memory for the forms and knots of the longest episode."""
     for task in {id(env): env.task for env in envs}.values():
         if isinstance(task, HoverTask):
             fleet.make_room(task.most_goals, task.most_knots)

@@ -1,4 +1,4 @@
-"""Many robots at once in native code, behind Gymnasium's vector interface: the same bits as one by one."""
+"""Native vector environment: many robots in one call, bit for bit equal to single environments."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -39,9 +39,9 @@ KINDS: dict[str, type[HoverEnv] | type[CrawlEnv] | type[CourseEnv]] = {
 class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.ndarray]):
     """Robots of one environment; the controller is the core.
 
-    `info` is arrays: its words are numbers (`qp_status_code`, `failure_code`, and in the crawl `phase_code` and
-    `shortfalls_code`; −1 is none), and the terms of the reward are one array, in the order of the task's table. As in
-    Gymnasium's own vectors, `info["_name"]` says of which robots `info["name"]` is.
+    `info` consists of arrays. Words are codes (`qp_status_code`, `failure_code`, and in the crawl `phase_code` and
+    `shortfalls_code`; −1 is none), and the reward terms are one array in the order of the task's table. As in
+    Gymnasium's vectors, `info["_name"]` is the mask of the robots for which `info["name"]` is valid.
     """
 
     def __init__(
@@ -58,12 +58,12 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 
         Args:
             name: `spidar_gym/Hover-v0`, `spidar_gym/Path-v0`, `spidar_gym/Crawl-v0` or `spidar_gym/Course-v0`.
-            num_envs: How many robots.
-            num_threads: How many threads, the caller's included.
-            autoreset_mode: What happens at the end of an episode: Gymnasium's three ways, `NextStep`, `SameStep`,
+            num_envs: Number of robots.
+            num_threads: Number of threads, the caller's included.
+            autoreset_mode: Behaviour at the end of an episode, one of Gymnasium's modes `NextStep`, `SameStep`,
                 `Disabled`.
-            max_episode_steps: Ticks of an episode, at most those of `horizon_s` where that is given too; −1 for no end.
-            **options: Arguments of the environment, a task of your own among them; the controller is the core.
+            max_episode_steps: Steps of an episode, at most those of `horizon_s` if that is given too; −1 for no end.
+            **options: Arguments of the environment, including a custom task; the controller is the core.
 
         Raises:
             UnknownNameError: For an environment or an option that does not exist; it lists the valid ones.
@@ -72,7 +72,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         """
         environment(name)
         self.turn = Turn()
-        """Orders the calls on it from several threads."""
+        """Lock that serialises calls from several threads."""
         require_least(1, num_envs=num_envs, num_threads=num_threads)
         mode = vector_options.autoreset(autoreset_mode)
         kind = KINDS[name]
@@ -88,7 +88,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self._steps = single.horizon if ends else None
         self._spec: EnvSpec | None = None
         self.autoreset_mode = mode
-        """What happens at the end of an episode; named as in Gymnasium's own vectors."""
+        """Behaviour at the end of an episode, as in Gymnasium's vectors."""
         self.metadata = {**single.metadata, "autoreset_mode": mode}
         self.single_action_space, self.single_observation_space = single.action_space, single.observation_space
         self.action_space = batch_space(single.action_space, num_envs)
@@ -105,10 +105,10 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 
     @in_turn
     def set_autoreset_mode(self, mode: AutoresetMode | str) -> None:
-        """Choose what happens at the end of an episode; robots that have begun have to begin anew.
+        """Set the behaviour at the end of an episode; all robots must be reset afterwards.
 
         Args:
-            mode: As at the beginning.
+            mode: As `autoreset_mode` of the constructor.
 
         Raises:
             InvalidValueError: For a mode that does not exist.
@@ -118,38 +118,38 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         way, same_step = mode.name.lower(), mode is AutoresetMode.SAME_STEP
         if self.sight is not None:
             self._shown = Shown(self.sight, self.num_envs, same_step=same_step)
-            way = "disabled" if same_step else way  # it is left to what is shown
+            way = "disabled" if same_step else way  # `Shown` resets the robots
         self._how["autoreset"] = way
         self.fleet.rules["rules"]["autoreset"] = AUTORESETS.index(way)
         self._began = False
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleMethodOverride] - as in SyncVectorEnv
-        """Seed of each robot's generator, as in Gymnasium's own vectors; −1 before the first reset."""
+        """Seed of each robot's generator, as in Gymnasium's vectors; −1 before the first reset."""
         return tuple(self._seeds)
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # pyright: ignore[reportIncompatibleMethodOverride] - likewise
-        """Copies of the robots' generators: what is drawn of them moves no robot's."""
+        """Copies of the robots' generators; sampling from a copy does not change the robot's generator."""
         return tuple(to_numpy(each) for each in self.robots["episode"]["generator"])
 
     @property
     def is_closed(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride] - it follows `closed`
-        """Whether `close` was called: nothing else can be from then on."""
+        """Whether `close` was called; other calls then raise `SpidarError`."""
         return self.closed
 
     @property
     def robots(self) -> np.ndarray:
-        """All that there is of the robots, records of `sp_hover_robot` or `sp_crawl_robot`; not to be written."""
+        """Complete state of the robots, records of `sp_hover_robot` or another task's; do not write to it."""
         return self.fleet.robots
 
     @property
     def buffers(self) -> dict[str, Any]:
-        """What is written anew by `reset`, `step` and `advance`, an entry for every robot; not to be written.
+        """Arrays that `reset`, `step` and `advance` overwrite, with an entry for every robot; do not write to them.
 
         By name: ``observations``, ``rewards``, ``terminated``, ``truncated``; ``begun``, whether the step began an
-        episode; ``final_observations`` and ``final_infos``, where it did so in the same step; ``infos``, records. An
-        observation that is a dictionary is one here, too.
+        episode; ``final_observations`` and ``final_infos``, if it began in the same step; ``infos``, records. With a
+        dictionary as observation, the observations are dictionaries of arrays.
         """
         names = ("rewards", "terminated", "truncated", "begun", "final_infos", "infos")
         shown = {name: getattr(self.fleet, name) for name in ("observations", "final_observations")}
@@ -159,7 +159,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 
     @property
     def spec(self) -> EnvSpec | None:
-        """The specification that `gymnasium.make_vec` gave, with the steps after which an episode really ends."""
+        """Specification from `gymnasium.make_vec`, with the steps after which an episode is truncated."""
         return self._spec
 
     @spec.setter
@@ -176,19 +176,19 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         """Start episodes.
 
         Args:
-            seed: Robot i gets `seed + i`, as in Gymnasium's own vectors, or its own entry of a list.
-            options: `{"reset_mask": …}` says which robots (all if not given); the others are those of the environment's
-                own `reset`, one for all of these robots, or a list with an entry for every robot of the vector, of
-                which those of these robots count. (An argument whose value is a sequence is a tuple where it is one for
-                all.) Arguments are first given to all robots at once; from then on each may get its own.
+            seed: Seed of robot 0; robot i gets `seed + i`, as in Gymnasium's vectors. Or a list of seeds.
+            options: `{"reset_mask": …}` selects the robots to reset, all by default. The other options are those of the
+                environment's `reset`: one value for all selected robots, or a list with an entry for every robot of the
+                vector, of which the entries of the selected robots apply. (A single value that is a sequence must be a
+                tuple.) An argument must first be given to all robots at once; later resets may select robots.
 
         Returns:
-            Observations of all robots, and info, whose masks tell who has begun.
+            Observations of all robots, and info, whose masks mark the robots that were reset.
 
         Raises:
-            UnknownNameError: For an option that does not exist, and nothing has changed.
-            InvalidValueError: For seeds, a mask or a list of another length, for a value that is not valid, and nothing
-                has changed.
+            UnknownNameError: For an option that does not exist; the vector is unchanged.
+            InvalidValueError: For seeds, a mask or a list of another length, or a value that is not valid; the vector
+                is unchanged.
         """
         fleet, n = self.fleet, self.num_envs
         own, others = self._single.reset_options, self._envs[0].reset_arguments
@@ -212,23 +212,23 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             if k in generators:
                 generator, self._seeds[k] = generators[k]
                 fleet.seed(k, generator)
-        self._began = False  # where this is interrupted, some have begun and others have not
+        self._began = False  # an interrupt may leave some robots reset and others not
         fleet.reset(ids)
         self._began = True
         return self._seen(), self._info(mask.copy())
 
     def _ask(self, options: Mapping[str, Sequence[Any]], ids: np.ndarray) -> None:
-        """Let robots have arguments of their own from now on."""
+        """Change arguments of some robots."""
         envs = varied(self._envs, options, ids.tolist())
         alike = all(env is envs[0] for env in envs)
         if self.fleet.rules.ndim and not alike:
             rewrite(self.fleet, envs, ids.tolist(), **self._how)
         elif len(ids) < self.num_envs:
             raise InvalidValueError(
-                "reset_mask", self._everybody.tolist(), f"all robots, as {', '.join(options)} were never given before"
+                "reset_mask", self._everybody.tolist(), f"all robots, as {', '.join(options)} were not given before"
             )
         elif self.task.is_own and not alike:
-            raise InvalidValueError("options", dict(options), "one value for all robots with a task of your own")
+            raise InvalidValueError("options", dict(options), "one value for all robots with a custom task")
         else:
             self.fleet = make_fleet(envs, self.fleet, self._threads, alike=alike, **self._how)
         self._envs, self.task = envs, envs[0].task
@@ -236,7 +236,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self._steps = max(env.horizon for env in envs) if self._how["truncates"] else None
 
     def _seen(self) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
-        """What is seen of all robots now."""
+        """Return the current observations of all robots."""
         if self._shown is None:
             return self.fleet.observations.copy()
         self._shown.look(self.fleet, self.fleet.observations)
@@ -244,26 +244,26 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 
     @in_turn
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """One control period of 25 ms of every robot.
+        """Simulate one step of every robot.
 
-        In the mode `Disabled` a robot whose episode is over goes on until `reset` begins its next, where those of
-        Gymnasium refuse to step.
+        In the mode `Disabled` a robot whose episode is over continues until it is reset; Gymnasium's vectors refuse to
+        step it.
 
-        Where an episode ends and the next begins in the same step, `info["final_obs"]` and `info["final_info"]` are
-        those of the end, and `info["_final_obs"]`, `info["_final_info"]` say whose; the other rows mean nothing.
+        If an episode ends and the next begins in the same step, `info["final_obs"]` and `info["final_info"]` are those
+        of the end. The masks `info["_final_obs"]` and `info["_final_info"]` mark the valid rows.
 
         Args:
-            actions: In [−1, 1], (num_envs, size of an action); what lies outside is clipped.
+            actions: Actions in [−1, 1], (num_envs, size of an action); entries outside are clipped.
 
         Returns:
             Observations, rewards, terminated, truncated, info.
 
         Raises:
-            InvalidValueError: For actions of the wrong shape or with a NaN; nothing has moved.
+            InvalidValueError: For actions of the wrong shape or with a NaN; no robot has moved.
             SpidarError: When `reset` was never called.
         """
         fleet, same_step = self.fleet, self.autoreset_mode is AutoresetMode.SAME_STEP
-        before = draws_of(fleet, self._is_drawn) if same_step else {}  # the next episode's are written over them
+        before = draws_of(fleet, self._is_drawn) if same_step else {}  # the next episode overwrites them
         self.advance(actions)
         info = self._info(self._everybody.copy())
         if same_step and fleet.begun.any():
@@ -275,11 +275,11 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 
     @in_turn
     def advance(self, actions: np.ndarray, ids: np.ndarray | None = None) -> None:
-        """As `step`, but what comes of it is only in `buffers`: nothing is copied, and nothing is told.
+        """Step as `step` does, but write results only into `buffers`: nothing is copied, and no `info` is built.
 
         Args:
-            actions: As of `step`.
-            ids: Which robots move, rising (else `InvalidValueError`); all if None. A task of your own moves all.
+            actions: As for `step`.
+            ids: Robots that move, in rising order (else `InvalidValueError`); all if None, as a custom task requires.
         """
         fleet = self.fleet
         shape = fleet.actions.shape
@@ -291,7 +291,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
         if ids is not None and self.task.is_own:
-            raise InvalidValueError("ids", ids, "None with a task of your own: all robots move")
+            raise InvalidValueError("ids", ids, "None with a custom task: all robots move")
         ids = None if ids is None else np.array(vector_options.numbered(ids, self.num_envs, rising=True), np.int32)
         fleet.actions[:] = given
         fleet.step(ids)
@@ -300,30 +300,30 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
                 self._shown.conclude(fleet, ids)
 
     def _info(self, mask: np.ndarray, *, ended: dict[str, np.ndarray] | None = None) -> dict[str, Any]:
-        """As `arrays_of`."""
+        """Build `info` by `arrays_of`."""
         terms = self._envs[0].reward_terms
         return arrays_of(self.fleet, terms, mask, self._is_drawn, ended=ended)
 
     @in_turn
     def ended(self, robot: int) -> dict[str, Any]:
-        """How the last episode of a robot ended that has begun anew in the same step, as `info` of a single one."""
+        """Return the final `info` of a robot whose next episode began in the same step, as of a single environment."""
         own, fleet = self._envs[robot], self.fleet
         record, terms = fleet.final_infos[robot : robot + 1], fleet.final_terms[robot]
         return info_of(record, own.reward_terms, terms, words_of(own.failures, own.words))
 
     @in_turn
     def render(self, ids: Sequence[int] | None = None) -> tuple[np.ndarray, ...] | None:
-        """Pictures of robots, each over its own floor.
+        """Return pictures of robots, each on its own floor.
 
         Args:
-            ids: Which ones, all if not given.
+            ids: Robots, all if None.
 
         Returns:
             A picture (height, width, 3) uint8 each, in the mode `depth_array` distances (height, width) [m]; None
             without a `render_mode`.
 
         Raises:
-            InvalidValueError: For robots that there are not.
+            InvalidValueError: For robots that do not exist.
             SpidarError: When `reset` was never called.
         """
         if self.render_mode is None:
@@ -333,32 +333,32 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 
     @in_turn
     def save(self, ids: Sequence[int] | None = None) -> bytes:
-        """All that there is of robots; nothing changes.
+        """Return the complete state of robots as bytes, without changing it.
 
         Args:
-            ids: Which ones, all if not given.
+            ids: Robots, all if None.
 
         Raises:
-            InvalidValueError: For robots that there are not.
+            InvalidValueError: For robots that do not exist.
             SpidarError: When `reset` was never called.
         """
         return save(self.fleet, self._choice(ids))
 
     @in_turn
     def restore(self, saved: bytes, ids: Sequence[int] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Let robots be those that were saved: from here on each goes on as the saved one would have, bit for bit.
+        """Replace robots by saved ones, which continue bit for bit as the saved robots would have.
 
         Args:
-            saved: What `save` gave, of any vector of the same environment and options, here or in another process.
-            ids: Which robots become the saved ones, in their order; all if not given. All of a vector that was never
-                reset.
+            saved: Bytes from `save` of any vector of the same environment and options, in this or another process.
+            ids: Robots to replace, in the order of the saved ones; all if None. A vector that was never reset needs
+                all.
 
         Returns:
-            Observations of all robots, and info, whose masks tell who was restored.
+            Observations of all robots, and info, whose masks mark the restored robots.
 
         Raises:
-            SpidarError: For bytes that are not what fits here, and nothing has changed.
-            InvalidValueError: For another number of robots than were saved, and nothing has changed.
+            SpidarError: For bytes that do not match this vector; the vector is unchanged.
+            InvalidValueError: For another number of robots than were saved; the vector is unchanged.
         """
         chosen = list(range(self.num_envs)) if not self._began and ids is None else self._choice(ids)
         restore(self.fleet, saved, chosen)
@@ -368,19 +368,19 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         return self._seen(), self._info(mask)
 
     def _choice(self, ids: Sequence[int] | None) -> list[int]:
-        """Robots by number."""
+        """Return the indices of robots."""
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
         return vector_options.numbered(ids, self.num_envs)
 
     def close(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
-        """Stop the threads once their tick is done; a second call does nothing."""
+        """Stop the threads after the current tick; a second call does nothing."""
         with self.turn.lock:
             super().close(**kwargs)
 
     @in_turn
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy is made of (`SpidarError` where it is closed)."""
+        """Return the state for a copy (`SpidarError` if closed)."""
         return vars(self).copy()
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401 - Gymnasium's signature
@@ -392,7 +392,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 hover_vector, path_vector, crawl_vector, course_vector = (
     partial(NativeVectorEnv, name) for name in (HOVER, PATH, CRAWL, COURSE)
 )
-"""What `gymnasium.make_vec` makes of each environment."""
+"""Vector entry points of `gymnasium.make_vec` for each environment."""
 
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Options of a vector's `reset`: a value for each robot, seeds, masks, ways of beginning anew."""
+"""Options of a vector's `reset`: values for each robot, seeds, masks, autoreset modes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ from spidar_gym.tasks.start import FlightStart
 
 
 def listed(name: str, value: Any, robots: int) -> list[Any]:  # noqa: ANN401 - whatever a user gives
-    """A value for each robot, where a list has them and all else is one for all."""
+    """Return a value for each robot: the entries of a list, or any other value repeated."""
     if not isinstance(value, list):
         return [value] * robots
     if len(value) != robots:
@@ -25,15 +25,15 @@ def listed(name: str, value: Any, robots: int) -> list[Any]:  # noqa: ANN401 - w
 
 
 def _plain_array(value: Any) -> np.ndarray:  # noqa: ANN401 - whatever a user gives
-    """A list, tuple, range or array as an array; one of no dimension for what is none of them, and for a ragged one."""
+    """Convert a list, tuple, range or array to an array; other values and ragged lists become one without dimension."""
     try:
         return np.array(value) if isinstance(value, list | tuple | range | np.ndarray) else np.array(None)
-    except Exception:  # how an entry becomes a number is foreign code
+    except Exception:  # conversion of an entry may run foreign code
         return np.array(None)
 
 
 def numbered(ids: Any, robots: int, *, rising: bool = False) -> list[int]:  # noqa: ANN401 - whatever a user gives
-    """Robots by number, all if not given (`InvalidValueError` for what is no such list)."""
+    """Return the indices of robots, all if None (`InvalidValueError` for an invalid list)."""
     if ids is None:
         return list(range(robots))
     given = _plain_array(ids)
@@ -46,20 +46,20 @@ def numbered(ids: Any, robots: int, *, rising: bool = False) -> list[int]:  # no
 
 
 def masked(flags: Any, robots: int) -> np.ndarray:  # noqa: ANN401 - whatever a user gives
-    """Which robots begin (robots,) (`InvalidValueError` for what does not say so)."""
+    """Return the mask of the robots to reset (robots,) (`InvalidValueError` for another value)."""
     mask = _plain_array(flags)
     if mask.shape != (robots,) or mask.dtype != bool or not mask.any():
-        raise InvalidValueError("reset_mask", flags, f"{robots} flags, one of them at least True")
+        raise InvalidValueError("reset_mask", flags, f"{robots} flags, at least one of them True")
     return mask
 
 
 def seeds(seed: int | Sequence[int | None] | None, mask: np.ndarray, *, began: bool) -> dict[int, int | None]:
-    """Seed of each robot that gets a new generator.
+    """Return the seeds of robots that get a new generator.
 
     Args:
-        seed: One for all, from which each has its own, or one for each.
-        mask: Which robots begin an episode (N,).
-        began: Whether they have generators.
+        seed: Seed of robot 0, with robot k's k higher, or one for each.
+        mask: Robots that begin an episode (N,).
+        began: Whether the robots have generators already.
     """
     n = len(mask)
     if seed is None:
@@ -76,7 +76,7 @@ def _is_seed(value: object) -> bool:
 
 
 def autoreset(mode: Any) -> AutoresetMode:  # noqa: ANN401 - whatever a user gives
-    """A way of beginning anew, by name or as it is (`InvalidValueError` lists the names)."""
+    """Return an autoreset mode from its name or itself (`InvalidValueError` lists the names)."""
     try:
         return AutoresetMode(mode)
     except ValueError:
@@ -85,23 +85,23 @@ def autoreset(mode: Any) -> AutoresetMode:  # noqa: ANN401 - whatever a user giv
 
 
 def start(value: Mapping[str, Any] | FlightStart | None) -> FlightStart | None:
-    """A flight's start as a user gives it."""
+    """Parse the start of a flight; None stays None."""
     return None if value is None else FlightStart.parse(value)
 
 
 def copied(shown: Any) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
-    """A copy of what is shown of robots."""
+    """Copy observations."""
     return {name: rows.copy() for name, rows in shown.items()} if isinstance(shown, dict) else shown.copy()
 
 
 def parsed(name: str, value: Any, robots: int, task: Any) -> list[Any]:  # noqa: ANN401 - whatever a user gives
-    """What an option of `reset` that makes nothing anew is for each robot.
+    """Return the parsed value of an option of `reset` that needs no rebuilding, for each robot.
 
     Args:
-        name: Which.
-        value: One for all, or a list.
-        robots: Of how many.
-        task: Theirs.
+        name: Name of the option.
+        value: One value for all, or a list.
+        robots: Number of robots.
+        task: Task of the robots.
     """
     ways = {
         "disturbances": Disturbances.parse,
@@ -114,7 +114,7 @@ def parsed(name: str, value: Any, robots: int, task: Any) -> list[Any]:  # noqa:
 
 
 def said_at_reset(fleet: Fleet, robot: int, options: Mapping[str, Any]) -> None:
-    """Say what options, as `parsed`, are for a robot from its next episode on."""
+    """Apply parsed options to a robot from its next episode on."""
     if "disturbances" in options:
         fleet.disturb(robot, options["disturbances"])
     if "forms" in options:

@@ -1,4 +1,4 @@
-"""Pictures of an environment's robot: which there are, and the OpenGL that is loaded by those who draw."""
+"""Pictures of an environment's robot; OpenGL is loaded at the first picture."""
 
 from typing import Any
 
@@ -15,27 +15,27 @@ from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH
 
 RENDER_MODES = ("human", "rgb_array", "depth_array")
-"""A window, a picture, distances."""
+"""Modes of rendering: a window, a picture, distances."""
 
 
 def fps(hold: int) -> int | float:
-    """Pictures a second that play in real time, one a step of `hold` control periods."""
+    """Return the frame rate in real time with one picture per step of `hold` control periods [1/s]."""
     rate = CONTROL_RATE / hold
     return int(rate) if rate.is_integer() else rate
 
 
 class View:
-    """How a robot is looked at."""
+    """Renderer of a robot in a window or off screen."""
 
     def __init__(self, mode: str | None, camera: str, width: int, height: int, robot: RobotSpec = ROBOT) -> None:
-        """Choose.
+        """Store and check the settings.
 
         Args:
             mode: One of `RENDER_MODES`, or None for no pictures.
             camera: Camera of the pictures.
             width: Width of the pictures [px].
             height: Height of the pictures [px].
-            robot: Which robot it is.
+            robot: The robot.
 
         Raises:
             UnknownNameError: For a mode or camera that does not exist; it lists the valid ones.
@@ -52,21 +52,22 @@ class View:
         self._ground: GroundConfig | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy is made of: it opens a window or an OpenGL context of its own when it is asked to draw."""
+        """Return the state for a copy, which opens its own window or OpenGL context at its first picture."""
         return vars(self) | {"_renderer": None, "_ground": None}
 
     def draw(self, qpos: np.ndarray, ground: GroundConfig, period: float) -> Any:  # noqa: ANN401 - as Gymnasium has it
-        """What is seen of a robot.
+        """Draw a robot.
 
         Args:
             qpos: Generalised positions of MuJoCo's model.
             ground: The floor under it.
-            period: How long a window shows it [s].
+            period: Time for which a window shows it [s].
 
         Returns:
-            A picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human` and without.
+            A picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human` and without a
+            mode.
         """
-        from spidar_gym.sim import renderer  # OpenGL is loaded by those who draw
+        from spidar_gym.sim import renderer  # loads OpenGL
 
         if self.mode is None:
             gymnasium.logger.warn("render() without a render_mode; valid: " + ", ".join(RENDER_MODES))
@@ -85,12 +86,12 @@ class View:
         return self._renderer.render(qpos, depth=self.mode == "depth_array")
 
     def draw_plant(self, plant: np.ndarray | np.void) -> Any:  # noqa: ANN401 - as of `draw`
-        """What is seen of a robot in the engine, a record of `sp_plant`, over its own floor."""
+        """Draw a robot in the engine, a record of `sp_plant`, on its own floor."""
         ground = read(GroundConfig, plant["config"]["ground"])
         return self.draw(plant["row"][1 : 2 + N_DOFS], ground, 1.0 / CONTROL_RATE)
 
     def close(self) -> None:
-        """Release window or OpenGL context; a second call does nothing."""
+        """Release the window or OpenGL context; a second call does nothing."""
         renderer, self._renderer = self._renderer, None
         if renderer is not None:
             renderer.close()

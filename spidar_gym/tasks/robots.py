@@ -42,7 +42,7 @@ class Simulated(Protocol):
 
 
 class Robots(Quantities):
-    """N robots, as read-only arrays with an entry for every robot.
+    """N robots, as arrays with an entry for every robot; do not write to them.
 
     Every quantity that the engine computes for the task is an attribute, a view of a block that each tick overwrites.
     """

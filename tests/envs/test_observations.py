@@ -1,4 +1,4 @@
-"""Pins what is shown besides the flat numbers: goals and their rewards, and what only a critic may know."""
+"""Pins observations other than the flat vector: goals and their rewards, and the privileged part for critics."""
 
 import gymnasium
 import numpy as np
@@ -32,7 +32,7 @@ def many(name, observation, robots=3, mode="NextStep", **options):
 
 
 def fields_of(env):
-    """Where each field of what is privileged is."""
+    """Slice of each field of the privileged observation."""
     found, start = {}, 0
     for f in privileged_layout(env.unwrapped.true_fields):
         found[f.name] = slice(start, start + f.size)
@@ -40,7 +40,7 @@ def fields_of(env):
     return found
 
 
-# ---- what is shown ----
+# ---- observations ----
 
 
 @pytest.mark.parametrize(("name", "observation"), EITHER)
@@ -105,7 +105,7 @@ def test_a_vector_shows_each_robot_what_an_environment_of_its_own_shows(name, ob
     assert ended == 6
 
 
-def test_readable_controllers_show_the_same_as_the_engine():
+def test_python_controllers_give_the_same_observations_as_the_engine():
     for name, observation in EITHER:
         options = {"randomization": 1.0, "disturbances": {"wind": 2.0}}
         envs = [make(name, observation, control, **options) for control in CONTROLS]
@@ -116,7 +116,7 @@ def test_readable_controllers_show_the_same_as_the_engine():
             seen = [env.step(action)[0] for env in envs]
 
 
-def test_what_was_shown_is_nobodys_memory():
+def test_returned_observations_are_copies():
     vector, env = many(HOVER, "asymmetric"), make(HOVER, "goal")
     for shown, step in (
         (vector.reset(seed=0)[0], lambda: vector.step(np.zeros((3, 6)))),
@@ -133,7 +133,7 @@ def test_what_was_shown_is_nobodys_memory():
 @pytest.mark.parametrize("reward", ["sparse", "dense"])
 @pytest.mark.parametrize("control", CONTROLS)
 @pytest.mark.parametrize("name", GOALS)
-def test_the_reward_of_a_step_is_that_of_its_goals_and_no_sensor_stands_between(name, control, reward):
+def test_the_reward_of_a_step_is_that_of_its_goals_without_sensor_noise(name, control, reward):
     env = make(name, "goal", control, goal_reward=reward, sensors=True, **DIRECT[name])
     inner = env.unwrapped
     env.reset(seed=2)
@@ -150,7 +150,7 @@ def test_the_reward_of_a_step_is_that_of_its_goals_and_no_sensor_stands_between(
     assert set(rewards) <= {-1.0, 0.0} if reward == "sparse" else len({*rewards}) > 10
 
 
-def test_a_crawl_of_the_papers_way_ends_at_its_goal():
+def test_a_crawl_ends_at_its_goal():
     env = make(CRAWL, "goal", distance=0.1, direction=0.0, turn=0.0)
     seen, _ = env.reset(seed=0)
     np.testing.assert_allclose(seen["desired_goal"] - seen["achieved_goal"], [0.1, 0.0, 0.0], atol=1e-6)
@@ -176,7 +176,7 @@ def test_rewards_of_goals_in_rows_are_those_one_by_one():
             assert np.all(goal.reward(achieved, achieved) == 0.0)
 
 
-def test_a_whole_turn_is_no_way_and_minus_a_quaternion_the_same_attitude():
+def test_a_whole_turn_is_no_displacement_and_minus_a_quaternion_the_same_attitude():
     crawl = CrawlGoal("dense")
     assert crawl.reward([0.0, 0.0, 3.1], [0.0, 0.0, -3.1]) == pytest.approx(-0.5 * (2.0 * np.pi - 6.2))
     assert crawl.reward([3.0, 4.0, 0.0], [0.0, 0.0, 0.0]) == -5.0
@@ -189,7 +189,7 @@ def test_a_whole_turn_is_no_way_and_minus_a_quaternion_the_same_attitude():
     assert hover.reward(goals[0], goals[2]) == pytest.approx(-0.5 * angle)
 
 
-def test_what_is_observed_of_a_crawl_does_not_tell_of_its_goal():
+def test_the_observation_of_a_crawl_does_not_contain_its_goal():
     ways = [(0.3, 0.0), (0.3, 1.5), (0.3, -2.0)]
     seen = [make(CRAWL, "goal", distance=d, direction=way, turn=0.0).reset(seed=0)[0] for d, way in ways]
     for other in seen[1:]:
@@ -198,10 +198,10 @@ def test_what_is_observed_of_a_crawl_does_not_tell_of_its_goal():
         assert not np.allclose(seen[0]["desired_goal"], other["desired_goal"])
 
 
-# ---- what is privileged ----
+# ---- privileged observations ----
 
 
-def test_every_drawn_number_is_told_as_far_from_the_middle_of_its_range_as_it_is():
+def test_every_randomised_number_is_observed_relative_to_its_range():
     vector = many(HOVER, "asymmetric", 4, randomization=1.0)
     seen, _ = vector.reset(seed=0)
     env = make(HOVER, "asymmetric", randomization=1.0)
@@ -213,7 +213,7 @@ def test_every_drawn_number_is_told_as_far_from_the_middle_of_its_range_as_it_is
         assert np.abs(told).max() <= 1.0 + 1e-5
 
 
-def test_what_is_true_is_told_where_the_sensors_say_something_else():
+def test_privileged_observations_have_the_true_state_despite_sensors():
     disturbances = {"wind": 3.0, "lost_rotor": 5, "fault_time": 0.1}
     env = make(HOVER, "asymmetric", sensors=True, battery=True, disturbances=disturbances)
     seen, info = env.reset(seed=6)
@@ -239,7 +239,7 @@ def test_what_is_true_is_told_where_the_sensors_say_something_else():
     assert not np.allclose(env.unwrapped.seen.position_w, state.position_w, atol=1e-5)
 
 
-def test_a_crawls_feet_and_a_stuck_module_are_told():
+def test_foot_contacts_and_a_stuck_module_are_privileged_observations():
     env = make(CRAWL, "asymmetric", disturbances={"lost_rotor": 2, "fault": "vectoring", "fault_time": 0.0})
     seen, info = env.reset(seed=0)
     seen, *_, info = env.step(np.zeros(4))
@@ -249,7 +249,7 @@ def test_a_crawls_feet_and_a_stuck_module_are_told():
     assert seen["privileged"][at["in_contact"]] == [1.0]
 
 
-def test_of_a_robot_that_has_diverged_finite_numbers_are_shown():
+def test_observations_of_a_diverged_robot_are_finite():
     for observation in ("goal", "asymmetric"):
         env = make(HOVER, observation)
         env.reset(seed=0)
@@ -260,12 +260,12 @@ def test_of_a_robot_that_has_diverged_finite_numbers_are_shown():
         assert max(np.abs(rows).max() for rows in seen.values()) <= max(MOST, 100.0)
 
 
-# ---- they are copied, saved, asked for something else ----
+# ---- copies, saved states, options of reset ----
 
 
 @pytest.mark.parametrize("control", CONTROLS)
 @pytest.mark.parametrize(("name", "observation"), [(HOVER, "goal"), (CRAWL, "goal"), (HOVER, "asymmetric")])
-def test_copies_pickles_and_saved_moments_show_the_same(name, observation, control):
+def test_copies_pickles_and_saved_states_give_the_same_observations(name, observation, control):
     env = make(name, observation, control, **ROUGH)
     env.reset(seed=3)
     actions = actions_for(env, 8)
@@ -281,7 +281,7 @@ def test_copies_pickles_and_saved_moments_show_the_same(name, observation, contr
         assert all(same(each.step(action), expected) for each in others)
 
 
-def test_a_moment_goes_on_under_another_way_of_observing():
+def test_a_saved_state_can_be_restored_with_another_kind_of_observation():
     env, flat = make(HOVER, "asymmetric", **ROUGH), make(HOVER, "vector", **ROUGH)
     env.reset(seed=3)
     flat.reset(seed=1)
@@ -334,20 +334,20 @@ def test_a_masked_reset_leaves_the_other_robots_as_they_are_shown():
         assert not np.array_equal(after[part][1], before[part][1])
 
 
-# ---- a vector's own ----
+# ---- vectors ----
 
 
 class Still(HoverTask):
-    """The hover's, with another reward."""
+    """The hover with another reward."""
 
     reward_terms = {"ticks": (1.0, "time")}
 
     def terms(self, flights):
-        """More with every tick."""
+        """A reward that grows with every tick."""
         return {"ticks": flights.ticks / 100.0}
 
 
-def test_a_task_of_ones_own_judges_what_is_shown_asymmetrically():
+def test_a_custom_task_works_with_asymmetric_observations():
     task = Still()
     vector = many(HOVER, "asymmetric", 2, "SameStep", task=task, max_episode_steps=4)
     plain = many(HOVER, "vector", 2, "SameStep", task=task, max_episode_steps=4)
@@ -382,10 +382,10 @@ def test_episodes_end_and_begin_only_for_robots_that_moved():
     assert vector.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
 
 
-# ---- what is refused ----
+# ---- refusals ----
 
 
-def test_what_makes_no_sense_is_refused_in_one_line_that_says_what_does():
+def test_invalid_observations_and_goals_are_refused_with_what_would_be_valid():
     with pytest.raises(UnknownNameError, match="unknown observation 'pixels'; valid: vector, goal, asymmetric"):
         make(HOVER, "pixels")
     for name in (PATH, COURSE):
@@ -395,7 +395,7 @@ def test_what_makes_no_sense_is_refused_in_one_line_that_says_what_does():
         make(CRAWL, "goal", goal_reward="shaped")
     with pytest.raises(InvalidValueError, match="observation='goal', which has a goal"):
         make(CRAWL, "vector", goal_reward="dense")
-    with pytest.raises(InvalidValueError, match="a task of one's own rewards"):
+    with pytest.raises(InvalidValueError, match="with a custom reward"):
         many(HOVER, "goal", task=Still())
     for env in (make(HOVER, "vector").unwrapped, many(HOVER, "asymmetric")):
         for name in ("compute_reward", "compute_terminated", "compute_truncated"):
@@ -404,7 +404,7 @@ def test_what_makes_no_sense_is_refused_in_one_line_that_says_what_does():
                 getattr(env, name)
 
 
-def test_what_is_no_goal_is_refused_in_one_line():
+def test_invalid_goals_are_refused_in_one_line():
     env = make(CRAWL, "goal").unwrapped
     with pytest.raises(InvalidValueError, match=r"achieved_goal = \(4,\) is not valid; expected an array of shape"):
         env.compute_reward(np.zeros(4), np.zeros(3), {})
@@ -412,7 +412,7 @@ def test_what_is_no_goal_is_refused_in_one_line():
         env.compute_reward(np.zeros((2, 3)), np.zeros(3), {})
     with pytest.raises(InvalidValueError, match="numbers of shape"):
         env.compute_reward("here", "there", {})
-    with pytest.raises(InvalidValueError, match="what step told"):
+    with pytest.raises(InvalidValueError, match="info of a step"):
         env.compute_terminated(np.zeros(3), np.zeros(3), {})
     rows, told = np.zeros((2, 3)), [{"failure": ""}, {"failure": "tilt"}]
     assert env.compute_terminated(rows, rows, told).tolist() == [False, True]

@@ -1,4 +1,4 @@
-"""Pins tasks of one's own in single environments and vectors: the guide's examples, starts, fields, loads, refusals."""
+"""Pins custom tasks in single environments and vectors: the guide's examples, starts, fields, loads, refusals."""
 
 import json
 import sys
@@ -30,7 +30,7 @@ IDS = {"figure_of_eight": "FigureOfEight", "least_energy": "LeastEnergy", "paylo
 
 @pytest.fixture(scope="module", autouse=True)
 def examples():
-    """The guide's examples, imported as a user imports them."""
+    """Import the guide's examples as a user does."""
     sys.path.insert(0, str(EXAMPLES))
     found = {name: __import__(name) for name in IDS}
     yield found
@@ -41,7 +41,7 @@ def example(name: str, **options) -> Any:
     return gymnasium.make(f"examples/{IDS[name]}-v0", **options)
 
 
-def test_an_example_is_shorter_than_60_lines_and_there_is_none_beside_those_that_are_tested():
+def test_every_example_is_shorter_than_60_lines_and_tested():
     texts = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES.glob("*.py")}
     files = {name: text for name, text in texts.items() if "register_task(" in text}
     assert files.keys() == IDS.keys()
@@ -51,7 +51,7 @@ def test_an_example_is_shorter_than_60_lines_and_there_is_none_beside_those_that
 @pytest.mark.parametrize(
     ("name", "millimetres"), [("figure_of_eight", 30.0), ("least_energy", 10.0), ("payload", 40.0)]
 )
-def test_the_paper_controller_does_what_an_example_asks_for(name, millimetres):
+def test_the_paper_controller_solves_the_examples(name, millimetres):
     env = example(name, forms="form2")
     env.reset(seed=0)
     errors, over, info = [], False, {}
@@ -107,7 +107,7 @@ def test_a_robot_of_a_vector_does_what_a_single_one_of_its_seed_does_bit_for_bit
 
 @pytest.mark.parametrize("clone", [copied, pickled])
 @pytest.mark.parametrize("name", IDS)
-def test_a_copy_goes_on_bit_for_bit_and_so_does_a_saved_state(name, clone):
+def test_copies_and_saved_states_continue_bit_for_bit(name, clone):
     env, other = (example(name, max_episode_steps=150, sensors=True) for _ in range(2))
     env.reset(seed=1)
     actions = actions_for(env, 240)
@@ -118,11 +118,10 @@ def test_a_copy_goes_on_bit_for_bit_and_so_does_a_saved_state(name, clone):
     assert same(shown, env.unwrapped._shown())
     copy = clone(env)
     assert copy.unwrapped.fleet is not env.unwrapped.fleet
-    # Whoever wraps it counts by himself how long an episode has been.
     assert_side_by_side([env, copy], actions[100:])
 
 
-def test_a_saved_state_is_of_its_own_task_alone(examples):
+def test_a_saved_state_can_be_restored_with_the_same_task_only(examples):
     env, plain = example("payload"), gymnasium.make(HOVER, forms="form2", preset="tuned")
     env.reset(seed=0)
     plain.reset(seed=0)
@@ -154,13 +153,13 @@ def test_the_options_of_a_task_are_options_of_reset(examples):
     buffer = vector.unwrapped.buffers["observations"]
     assert np.array_equal(vector.reset(seed=3, options={"lean": 0.2, "seconds": 12.0})[0][0], asked.reset(seed=3)[0])
     assert vector.unwrapped.buffers["observations"] is buffer
-    with pytest.raises(InvalidValueError, match="one value for all robots with a task of your own"):
+    with pytest.raises(InvalidValueError, match="one value for all robots with a custom task"):
         vector.reset(options={"lean": [0.1, 0.2]})
     env.close()
     vector.close()
 
 
-def test_where_a_task_says_nothing_of_the_start_the_environment_draws_it_as_ever():
+def test_a_task_without_a_start_leaves_its_sampling_to_the_environment():
     env, own = gymnasium.make(HOVER), gymnasium.make(HOVER, task=HoverTask())
     for seed in (0, 1, None):
         assert np.array_equal(env.reset(seed=seed)[0], own.reset(seed=seed)[0])
@@ -173,14 +172,14 @@ def test_where_a_task_says_nothing_of_the_start_the_environment_draws_it_as_ever
 
 
 class Given(HoverTask):
-    """An episode begins 30 cm too high and in motion."""
+    """An episode that begins 30 cm too high and in motion."""
 
     def start(self, rng):
         drawn = draw_start(self, rng)
         return replace(drawn, position=drawn.position + [0.0, 0.0, 0.3], velocity=np.full(3, 0.1))
 
 
-def test_a_start_that_a_user_gives_goes_before_the_tasks():
+def test_a_start_given_at_reset_replaces_that_of_the_task():
     env = gymnasium.make(HOVER, task=Given(), forms="form1")
     drawn = [env.reset(seed=0)[1]["position_error"][2], env.reset()[1]["position_error"][2]]
     assert np.ptp(drawn) > 1e-4
@@ -197,7 +196,7 @@ def test_a_start_that_a_user_gives_goes_before_the_tasks():
 
 
 def turned(rotation: np.ndarray) -> type[HoverTask]:
-    """A task whose reference is turned."""
+    """A task whose reference attitude is rotated."""
 
     class Turned(HoverTask):
         def reference(self, flights):
@@ -210,7 +209,7 @@ def turned(rotation: np.ndarray) -> type[HoverTask]:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_the_attitude_error_is_that_of_the_reference_about_whichever_axis_it_turns(axis):
-    """A reference that rolls or pitches was once taken for level where it had no heading."""
+    """A rolled or pitched reference without a heading was once treated as level."""
     rotation = 0.1 * np.eye(3)[axis]
     for control in ("core", "python"):
         env = gymnasium.make(HOVER, task=turned(rotation)(), forms="form1", control=control)
@@ -241,12 +240,12 @@ def test_an_example_runs_at_four_fifths_of_the_hovers_speed(name):
 
 @dataclass(frozen=True)
 class Loaded(HoverTask):
-    """Something is taken up after half a second, and put down after a second and a half."""
+    """A load is picked up after 0.5 s and put down after 1.5 s."""
 
     mass: float = 1.0
-    """[kg]."""
+    """Mass of the load [kg]."""
     place: tuple[float, float, float] = (0.1, -0.05, -0.2)
-    """[m]."""
+    """Position of the load, torso axes [m]."""
     loads = True
 
     def advance(self, flights):
@@ -256,7 +255,7 @@ class Loaded(HoverTask):
 
 
 def test_a_load_is_a_point_mass_that_falls_with_the_robot():
-    """Weight and moment of what is carried, seen in the wrench that nothing holds up any more."""
+    """Weight and moment of the load, from the bias forces with and without it."""
     env = gymnasium.make(HOVER, task=Loaded(), forms="form1")
     env.reset(seed=0)
     plant = env.unwrapped.plant
@@ -280,7 +279,7 @@ def test_a_load_is_a_point_mass_that_falls_with_the_robot():
     np.testing.assert_allclose(own[3:] - data.qfrc_bias[3:6], np.cross(arm, R_wb.T @ force_w), rtol=0, atol=1e-9)
 
 
-def test_a_load_is_put_down_when_it_is_said_and_when_an_episode_ends():
+def test_a_load_is_put_down_by_the_task_and_at_the_end_of_an_episode():
     env = gymnasium.make(HOVER, task=Loaded(), forms="form1")
     model = env.unwrapped.plant.model
     nominal = {name: getattr(model, name).copy() for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat")}
@@ -304,7 +303,7 @@ def test_a_load_is_put_down_when_it_is_said_and_when_an_episode_ends():
     vector.close()
 
 
-def test_what_cannot_be_carried_is_refused_in_one_line():
+def test_invalid_loads_are_refused_in_one_line():
     for task, words in (
         (Loaded(mass=-1.0), r"load = .*masses ≥ 0 kg"),
         (Loaded(mass=np.nan), r"masses ≥ 0 kg"),
@@ -365,16 +364,16 @@ class Named(HoverTask):
         (CRAWL, {"task": HoverTask()}, "an object of a class derived from CrawlTask"),
         (COURSE, {"task": HoverTask()}, "an object of a class derived from CourseTask"),
         (HOVER, {"task": Heavy()}, "weights that add up to 1"),
-        (HOVER, {"task": Endless}, "diverged among them"),
+        (HOVER, {"task": Endless}, "failures with diverged"),
         (HOVER, {"task": Named()}, "options are not called preset"),
-        (HOVER, {"task": "nowhere:Task"}, r"module:Class of a task that Python finds \(No module named 'nowhere'\)"),
-        (HOVER, {"task": "payload:Nobody"}, "module:Class of a task that Python finds"),
-        (HOVER, {"task": "payload"}, "module:Class of a task that Python finds"),
+        (HOVER, {"task": "nowhere:Task"}, r"module:Class of an importable task \(No module named 'nowhere'\)"),
+        (HOVER, {"task": "payload:Nobody"}, "module:Class of an importable task"),
+        (HOVER, {"task": "payload"}, "module:Class of an importable task"),
     ],
     ids=lambda value: "" if isinstance(value, dict) else str(value)[:20],
 )  # fmt: skip
-def test_what_is_no_task_for_an_environment_is_refused_in_one_line(monkeypatch, name, options, words):
-    # Users have no type checker, which would refuse on its own.
+def test_invalid_tasks_are_refused_in_one_line(monkeypatch, name, options, words):
+    # Users have no type checker, which would refuse first.
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     makers = [gymnasium.make] + ([gymnasium.make_vec] if not {"law", "control"} & options.keys() else [])
     for make in makers:
@@ -391,7 +390,7 @@ class Watched(HoverTask):
         return {"height": state["position_w"][:, 2], "way": 100.0 * state["position_w"][:, :2]}
 
 
-def test_fields_are_seen_behind_all_else_within_their_bounds():
+def test_custom_fields_are_appended_to_the_observation_within_their_bounds():
     env, plain = gymnasium.make(HOVER, task=Watched()), gymnasium.make(HOVER)
     seen, _ = env.reset(seed=0)
     size = plain.observation_space.shape[0]
@@ -404,7 +403,7 @@ def test_fields_are_seen_behind_all_else_within_their_bounds():
         assert np.array_equal(seen[size:], expected)
         assert np.array_equal(seen[:size], plain.step(action)[0])
     assert [f.name for f in env.unwrapped.layout[-2:]] == ["height", "way"]
-    with pytest.raises(InvalidValueError, match="one with the fields of now"):
+    with pytest.raises(InvalidValueError, match="a task with the same fields"):
         env.reset(options={"task": HoverTask()})
     assert np.array_equal(env.step(np.zeros(6))[0][:size], plain.step(np.zeros(6))[0])
 
@@ -426,7 +425,7 @@ def test_fields_of_another_shape_are_refused_in_one_line(monkeypatch, shown, wor
     assert "\n" not in str(error.value)
 
 
-def test_a_crawl_has_tasks_of_ones_own_too():
+def test_custom_tasks_of_crawls_work_too():
     class Far(CrawlTask):
         fields = (Field("height", 1, 2.0, "m", "of the torso"),)
 

@@ -1,4 +1,4 @@
-"""Pins a curriculum: every argument of the task at reset, and how robots are drawn, for one and for each of many."""
+"""Pins curricula: the task's arguments and the randomisation as options of reset, for one and for each of many."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ OTHERS: dict[str, dict[str, Any]] = {
     CRAWL: {"distance": 0.3, "direction": 0.5, "turn": 0.2, "friction": 0.6, "steps": 0.02, "schedule": "overlapped"},
     COURSE: {"gates": ("wall",), "floors": ("plain",), "count": (1, 1), "joint_speed": 0.5},
 }
-"""Arguments of each environment's task that differ from what it has if nothing is said."""
+"""Arguments of each environment's task other than the defaults."""
 RANGES = {"body.total_mass": (16.5, 17.0), "strength": 0.5}
 
 
@@ -39,7 +39,7 @@ def test_an_episode_with_options_is_that_of_the_environment_made_with_them(name,
     assert 16.5 <= asked.sampled_parameters["body.total_mass"] <= 17.0
 
 
-def test_what_was_asked_for_stays_until_something_else_is():
+def test_options_of_reset_stay_until_they_are_replaced():
     env = make()
     env.reset(seed=0, options={"forms": "form2", "disturbances": {"wind": 2.0}})
     env.reset(options={"joint_speed": 1.0})
@@ -48,13 +48,13 @@ def test_what_was_asked_for_stays_until_something_else_is():
     env.reset(options={"start": start, "perturbation": 0.0})
     _, info = env.reset(options={"forms": "form1", "randomization": 0.3})
     assert (env.task.forms, env.task.joint_speed) == ("form1", 1.0)
-    assert info["position_error"][0] == pytest.approx(-0.02, abs=2e-3)  # a drawn robot is seen a little elsewhere
+    assert info["position_error"][0] == pytest.approx(-0.02, abs=2e-3)  # the CoG of a randomised robot is slightly off
     made = make(forms="form1", joint_speed=1.0, perturbation=0.0, randomization=0.3, disturbances={"wind": 2.0})
     options = {"start": start}
     assert_same(flight(env, zeros(env), seed=4), flight(made, zeros(made), seed=4, options=options))
 
 
-def test_an_episode_ends_where_its_own_horizon_says():
+def test_an_episode_ends_at_its_own_horizon():
     env = gymnasium.make(HOVER, forms="form1", wake=False)
     env.reset(seed=0)
     assert env.spec is not None
@@ -84,7 +84,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("options", "kind", "words"), REFUSED, ids=range(len(REFUSED)))
-def test_what_is_not_valid_is_refused_in_a_line_and_the_episode_goes_on(options, kind, words):
+def test_invalid_options_are_refused_in_one_line_and_the_episode_continues(options, kind, words):
     flights = []
     for asked in (False, True):
         env = make(forms="form1")
@@ -103,7 +103,7 @@ def vector(name=HOVER, n=4, **options):
 
 
 @pytest.mark.parametrize("name", [HOVER, PATH, CRAWL, COURSE])
-def test_each_robot_of_a_vector_goes_through_the_episode_of_its_own_arguments(name):
+def test_each_robot_of_a_vector_has_the_episode_of_its_own_arguments(name):
     own = [dict(zip(OTHERS[name], values, strict=True)) for values in zip(*each_of(name), strict=True)]
     masses = [{"body.total_mass": (15.5 + 0.2 * k, 15.6 + 0.2 * k)} for k in range(4)]
     env = vector(name, sensors=True)
@@ -122,16 +122,16 @@ def test_each_robot_of_a_vector_goes_through_the_episode_of_its_own_arguments(na
 
 
 def each_of(name):
-    """Values of four robots for each argument: other than usual, and usual, in turns."""
+    """Values of four robots for each argument, alternating between another value and the default."""
     usual = make(name).task
     for key, value in OTHERS[name].items():
         if key in ("steps", "floors"):
-            yield [value] * 4  # floors are all of one kind
+            yield [value] * 4  # all floors of a vector are of one kind
         else:
             yield [value, getattr(usual, key), value, getattr(usual, key)]
 
 
-def test_robots_that_begin_later_get_others_and_the_rest_go_on():
+def test_a_masked_reset_with_options_does_not_affect_the_other_robots():
     zero = np.zeros((4, 6))
     flights = []
     for asked in (False, True):
@@ -146,7 +146,7 @@ def test_robots_that_begin_later_get_others_and_the_rest_go_on():
     assert np.array_equal(*flights)
 
 
-def test_a_vectors_buffers_stay_where_clients_look():
+def test_the_buffers_of_a_vector_stay_the_same_objects():
     env = vector(n=2)
     before = env.buffers
     env.reset(seed=0)
@@ -156,7 +156,7 @@ def test_a_vectors_buffers_stay_where_clients_look():
     assert (env.robots["episode"]["disturbances"]["wind"] == 1.0).all()
 
 
-def test_what_a_vector_was_told_before_stays():
+def test_earlier_options_of_a_vector_stay():
     env = vector(n=2)
     env.reset(seed=0, options={"disturbances": [{"wind": 1.0}, {"wind": 2.0}], "forms": ["form1", "form2"]})
     env.reset(seed=3, options={"joint_speed": [0.5, 1.0]})
@@ -168,16 +168,16 @@ def test_what_a_vector_was_told_before_stays():
 
 
 class Still(HoverTask):
-    """The hover, by its own page."""
+    """The hover as a custom task."""
 
 
-def test_a_vector_refuses_in_a_line_what_it_cannot_ask_and_goes_on():
+def test_a_vector_refuses_invalid_options_in_one_line_and_continues():
     env, zero = vector(), np.zeros((4, 6))
     env.reset(seed=0)
     before = env.save()
     mask = np.array([True, False, False, False])
     for options, words in (
-        ({"reset_mask": mask, "joint_speed": 1.0}, "all robots, as joint_speed were never given before"),
+        ({"reset_mask": mask, "joint_speed": 1.0}, "all robots, as joint_speed were not given before"),
         ({"joint_speed": [1.0, 2.0]}, "one for all robots, or a list of 4"),
         ({"joint_speed": [1.0, 2.0, 3.0, -4.0]}, "joint_speed = -4.0"),
         ({"randomization": [0.0, 0.5, 1.0, 2.0]}, "a strength within 0 … 1"),
@@ -187,14 +187,14 @@ def test_a_vector_refuses_in_a_line_what_it_cannot_ask_and_goes_on():
     assert env.save() == before
     judged = vector(task=Still())
     judged.reset(seed=0, options={"joint_speed": 1.0})
-    with pytest.raises(InvalidValueError, match="one value for all robots with a task of your own"):
+    with pytest.raises(InvalidValueError, match="one value for all robots with a custom task"):
         judged.reset(options={"joint_speed": [1.0, 2.0, 3.0, 4.0]})
     plain = vector(joint_speed=1.0)
     assert np.array_equal(judged.reset(seed=5)[0], plain.reset(seed=5)[0])
     assert all(same(judged.step(zero)[0], plain.step(zero)[0]) for _ in range(10))
 
 
-def test_a_robot_of_its_own_arguments_goes_on_where_they_are_the_same_and_nowhere_else():
+def test_a_saved_robot_is_restored_only_into_robots_with_the_same_arguments():
     env, zero = vector(n=3), np.zeros((3, 6))
     env.reset(seed=0, options={"joint_speed": [0.5, 1.0, 0.5], "forms": "independent"})
     env.step(zero)

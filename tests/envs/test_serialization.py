@@ -1,4 +1,4 @@
-"""Pins copies and saved moments of an environment: each goes on bit for bit, by itself, or is refused in one line."""
+"""Pins copies and saved states of an environment: each continues bit for bit, alone, or is refused in one line."""
 
 import copy
 import hashlib
@@ -65,7 +65,7 @@ def begun(env, ticks=40, seed=3, options=None):
 
 
 def restored(env, make):
-    """Another instance, of another moment, that is given this one."""
+    """Another instance, in another state, which restores this state."""
     other = begun(make(), ticks=3, seed=8)
     observation, info = other.unwrapped.restore_state(env.unwrapped.save_state())
     assert other.observation_space.contains(observation)
@@ -73,11 +73,11 @@ def restored(env, make):
     return other
 
 
-# ---- they go on ----
+# ---- continuation ----
 
 
 @pytest.mark.parametrize(("name", "control"), LONG)
-def test_a_copy_a_pickle_and_a_saved_moment_go_on_beside_the_original_for_200_steps_bit_for_bit(name, control):
+def test_a_copy_a_pickle_and_a_saved_state_continue_like_the_original_for_200_steps_bit_for_bit(name, control):
     def make():
         return hardest(name, control)
 
@@ -122,7 +122,7 @@ def test_a_bare_environment_is_copied_saved_and_restored_too_even_into_one_that_
 
 
 @pytest.mark.parametrize("control", CONTROLS)
-def test_gymnasiums_wrappers_ask_for_a_reset_before_a_restored_environment_is_stepped(control):
+def test_gymnasiums_wrappers_require_a_reset_before_a_restored_environment_is_stepped(control):
     env = begun(hardest(HOVER, control), ticks=5)
     other = hardest(HOVER, control)
     other.unwrapped.restore_state(env.unwrapped.save_state())
@@ -145,7 +145,7 @@ for each in (env, other):
 
 
 @pytest.mark.parametrize(("name", "control"), [(HOVER, "core"), (CRAWL, "python"), (COURSE, "python")])
-def test_a_pickle_and_a_saved_moment_go_on_in_another_process(name, control, tmp_path: Path):
+def test_a_pickle_and_a_saved_state_continue_in_another_process(name, control, tmp_path: Path):
     env = begun(hardest(name, control), ticks=12)
     files = [tmp_path / "pickle", tmp_path / "state"]
     files[0].write_bytes(pickle.dumps(env))
@@ -168,7 +168,7 @@ def test_a_pickle_and_a_saved_moment_go_on_in_another_process(name, control, tmp
     ],
     ids=["start", "forms", "course"],
 )
-def test_what_reset_was_told_comes_along_for_this_episode_and_those_after_it(name, options, control):
+def test_options_of_reset_are_copied_for_this_episode_and_later_ones(name, options, control):
     def make():
         return gymnasium.make(name, control=control, max_episode_steps=40, **({"hold": 1} if name == COURSE else {}))
 
@@ -185,35 +185,35 @@ def test_what_reset_was_told_comes_along_for_this_episode_and_those_after_it(nam
     ],
     ids=["Braced", "Restless", "Reluctant", "Hurrying", "Climb of the core", "Climb in Python"],
 )  # fmt: skip
-def test_what_a_law_an_allocator_or_an_environment_of_ones_own_keeps_comes_along(name, options):
+def test_the_state_of_custom_control_laws_allocators_and_environments_is_copied(name, options):
     def make():
         return gymnasium.make(name, max_episode_steps=30, **ROUGH, disturbances=WEATHER, **options)
 
     env = begun(make(), ticks=15)
     others = [copied(env), pickled(env), restored(env, make)]
     assert_side_by_side([env, *others], actions_for(env, 30, seed=2))
-    # Saved before it kept anything, restored where it does.
+    # Saved before the subclass has stored anything, restored into an instance which has.
     env.reset(seed=1)
     later = restored(env, make)
     assert_side_by_side([env, later], actions_for(env, 10, seed=3))
 
 
-def test_a_law_that_keeps_what_no_file_holds_is_copied_and_not_saved():
+def test_a_control_law_with_unsupported_state_is_copied_but_not_saved():
     env = begun(gymnasium.make(HOVER, law=Filtered), ticks=5)
     with pytest.raises(
-        SpidarError, match=r"^controller\.weigh is a builtins\.function, which no file holds; valid:"
+        SpidarError, match=r"^controller\.weigh is a builtins\.function, which cannot be saved; valid:"
     ) as error:
         env.unwrapped.save_state()
     assert "\n" not in str(error.value)
     assert_side_by_side([env, copied(env)], actions_for(env, 10))
 
 
-# ---- what there is of the robot ----
+# ---- the robot's state ----
 
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("control", CONTROLS)
-def test_what_somebody_wrote_into_mujocos_data_and_model_is_copied(control, way):
+def test_changes_to_mujocos_data_and_model_are_copied(control, way):
     env = begun(gymnasium.make(HOVER, control=control), ticks=3)
     env.unwrapped.plant.data.qpos[2] += 0.1
     env.unwrapped.plant.model.opt.gravity[2] = -3.7
@@ -227,7 +227,7 @@ def test_what_somebody_wrote_into_mujocos_data_and_model_is_copied(control, way)
 
 
 @pytest.mark.parametrize("control", CONTROLS)
-def test_a_robot_that_has_diverged_is_copied_and_saved_and_begins_anew(control):
+def test_a_diverged_robot_is_copied_and_saved_and_can_be_reset(control):
     def make():
         return gymnasium.make(HOVER, control=control)
 
@@ -246,7 +246,7 @@ def test_a_robot_that_has_diverged_is_copied_and_saved_and_begins_anew(control):
 
 
 @pytest.mark.parametrize("control", CONTROLS)
-def test_what_restoring_returns_is_what_the_last_step_gave(control):
+def test_restore_returns_the_results_of_the_last_step(control):
     env = begun(hardest(CRAWL, control), ticks=20)
     observation, *_, info = env.step(actions_for(env, 1)[0])
     other = begun(hardest(CRAWL, control), ticks=0, seed=1)
@@ -254,7 +254,7 @@ def test_what_restoring_returns_is_what_the_last_step_gave(control):
 
 
 @pytest.mark.parametrize("control", CONTROLS)
-def test_a_copy_draws_with_a_context_of_its_own(control):
+def test_a_copy_renders_with_a_separate_context(control):
     env = begun(gymnasium.make(CRAWL, control=control, steps=0.03, render_mode="rgb_array", width=160, height=120), 3)
     env.render()
     other = copied(env)
@@ -266,7 +266,7 @@ def test_a_copy_draws_with_a_context_of_its_own(control):
     other.close()
 
 
-# ---- what is refused ----
+# ---- refusals ----
 
 
 @pytest.mark.parametrize(("name", "control"), EVERY)
@@ -315,7 +315,7 @@ def test_what_does_not_fit_is_refused_in_one_line_and_nothing_has_changed(monkey
         damaged[place] ^= 1
         tries.append((bytes(damaged), "damaged"))
     tries += [(given, "is no saved state; valid: the bytes") for given in (None, "saved", 3, bytearray(saved))]
-    # Users have no type checker, which would refuse on its own.
+    # Users have no type checker, which would refuse first.
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     for given, words in tries:
         with pytest.raises(SpidarError, match=words) as error:
@@ -348,7 +348,7 @@ def test_a_pickle_of_another_version_is_refused(monkeypatch):
         pickle.loads(packed)
 
 
-def test_a_law_looks_ahead_in_the_environment_that_it_flies():
+def test_the_preview_of_a_copied_control_law_is_that_of_its_environment():
     env = begun(gymnasium.make(HOVER, law=Restless), 0)
     for other in (copied(env), pickled(env), copy.deepcopy(copied(env))):
         assert other.unwrapped.controller.preview.__self__ is other.unwrapped

@@ -1,4 +1,4 @@
-"""Pins values as bytes: what is written is what is read, what two share they share again, and nothing of it runs."""
+"""Pins serialised values: they are read as written, shared objects stay shared, and no code is executed."""
 
 import json
 import math
@@ -21,7 +21,7 @@ from spidar_gym.state import RobotState
 
 @dataclass(frozen=True)
 class Limits:
-    """It refuses what it became later."""
+    """Its constructor refuses the values which it is changed to later."""
 
     low: float
     high: float = 1.0
@@ -32,20 +32,20 @@ class Limits:
 
 @dataclass(slots=True)
 class Slotted:
-    """Without a dictionary."""
+    """A dataclass without `__dict__`."""
 
     numbers: np.ndarray
 
 
 class Pair(NamedTuple):
-    """Named."""
+    """A named tuple."""
 
     left: Any
     right: Any
 
 
 class Word(Enum):
-    """One of two."""
+    """An enumeration."""
 
     ONE = "one"
     TWO = 2
@@ -105,7 +105,7 @@ def test_an_array_keeps_its_bits_and_its_order_in_memory(name):
     assert not again({"it": array})["it"].flags.writeable
 
 
-def test_what_is_read_is_new_and_what_two_share_they_share_again():
+def test_read_objects_are_new_and_shared_objects_stay_shared():
     shared, rows = [1], np.zeros(3)
     found = again({"first": {"a": shared, "b": rows}, "second": (shared, rows, rows[:2])})
     assert found["first"]["a"] is found["second"][0] is not shared
@@ -124,7 +124,7 @@ def test_without_sharing_equal_values_give_equal_bytes():
 def test_a_generator_draws_and_spawns_on():
     rng = np.random.default_rng(7)
     rng.random(5)
-    rng.integers(10, dtype=np.int32)  # leaves half a word
+    rng.integers(10, dtype=np.int32)  # leaves half a word in the generator
     rng.spawn(2)
     child = rng.spawn(1)[0]
     found = again({"rng": rng, "child": child, "wide": np.random.default_rng(2**190)})
@@ -136,13 +136,13 @@ def test_a_generator_draws_and_spawns_on():
         again({"rng": np.random.Generator(np.random.MT19937(1))})
 
 
-def test_a_dataclass_comes_back_as_it_was_whatever_it_became_since_it_was_made():
+def test_a_dataclass_is_read_as_it_was_even_if_its_constructor_would_refuse_it():
     odd = Limits(0.5)
     object.__setattr__(odd, "low", 3.0)
     assert again({"odd": odd})["odd"].low == 3.0
     marked = Limits(0.5)
     object.__setattr__(marked, "note", "mine")
-    with pytest.raises(SpidarError, match=r"^marked\.note is a builtins\.str, which no file holds"):
+    with pytest.raises(SpidarError, match=r"^marked\.note is a builtins\.str, which cannot be saved"):
         again({"marked": marked})
 
 
@@ -153,7 +153,7 @@ INSIDE.append(INSIDE)
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        (print, r"^it is a builtins\.builtin_function_or_method, which no file holds; valid: numbers, text, arrays"),
+        (print, r"^it is a builtins\.builtin_function_or_method, which cannot be saved; valid: numbers, text, arrays"),
         ({"a": [1, lambda x: x]}, r"^it\.a\[1\] is a builtins\.function"),
         (Limits, r"^it is a builtins\.type"),
         (object(), r"^it is a builtins\.object"),
@@ -165,7 +165,7 @@ INSIDE.append(INSIDE)
     ],
     ids=["function", "lambda inside", "class", "object", "ordered", "objects", "records", "date", "itself"],
 )  # fmt: skip
-def test_what_no_file_holds_is_refused_with_its_place_in_one_line(value, words):
+def test_unsupported_values_are_refused_with_their_place_in_one_line(value, words):
     with pytest.raises(SpidarError, match=words) as error:
         pack_values({"it": value})
     assert "\n" not in str(error.value)
@@ -180,7 +180,7 @@ def test_classes_are_those_of_the_package_and_of_the_modules_that_are_named():
         "spidar_gym.native.plant:Plant", "spidar_gym.state:RobotState.__init__", "spidar_gym.nowhere:It", "", ":",
     ):  # fmt: skip
         assert find_class(name, ()) is None
-    with pytest.raises(SpidarError, match=r"^it is a .*Limits, which no file holds"):
+    with pytest.raises(SpidarError, match=r"^it is a .*Limits, which cannot be saved"):
         pack_values({"it": Limits(0.5)})
     words, numbers = pack_values({"it": Limits(0.5)}, HERE)
     with pytest.raises(SpidarError, match=r"no class .*Limits here; valid: those of the environment"):
@@ -207,7 +207,7 @@ def test_a_dataclass_that_had_other_fields_is_refused():
     ],
     ids=str,
 )  # fmt: skip
-def test_words_that_nobody_wrote_are_refused_and_nothing_runs(node):
+def test_malformed_words_are_refused_and_nothing_runs(node):
     words = json.dumps({"nodes": [["list", []], node], "values": [["it", [1]]]}).encode()
     with pytest.raises(SpidarError) as error:
         unpack_values(np.frombuffer(words, np.uint8), np.zeros(8, np.uint8))
@@ -215,13 +215,13 @@ def test_words_that_nobody_wrote_are_refused_and_nothing_runs(node):
 
 
 @pytest.mark.parametrize("words", [b"", b"{}", b"[]", b"null", b'{"nodes": [], "values": [["it", [0]]]}', b"\xff"])
-def test_what_are_no_words_are_refused(words):
+def test_bytes_that_are_no_words_are_refused(words):
     with pytest.raises(SpidarError):
         unpack_values(np.frombuffer(words, np.uint8), np.zeros(0, np.uint8))
 
 
 CHAIN: list[Any] = [["tuple", [1, 1]], *(["tuple", [[k], [k]]] for k in range(60))]
-"""Tuples of two tuples of two tuples …: as a key Python would look at 2⁶⁰ of them."""
+"""Tuples of two tuples of two tuples …: to hash it Python would visit 2⁶⁰ of them."""
 STREAM = {"state": ["0x1", "0x3"], "half": [0, 0], "entropy": 1, "key": [0], "spawned": 0}
 
 
@@ -231,13 +231,13 @@ STREAM = {"state": ["0x1", "0x3"], "half": [0, 0], "entropy": 1, "key": [0], "sp
         ([*CHAIN, ["set", [[60]]]], b""), ([*CHAIN, ["dict", [[[60], 1]]]], b""), ([["int", "f" * 10**5]], b""),
         ([["array", "|b1", [2], "C", True, 0]], b"\2\1"), ([["array", "<U1", [1], "C", True, 0]], b"\xff" * 4),
         ([["array", "<f8", [2**40, 2**40], "C", True, 0]], b""), ([["deque", [], -1]], b""),
-        ([["tuple", []], ["generator", STREAM | {"state": ["0x1", "0x2"]}]], b""),  # it comes back to where it was
+        ([["tuple", []], ["generator", STREAM | {"state": ["0x1", "0x2"]}]], b""),  # a shorter period
         ([["tuple", []], ["generator", STREAM | {"half": [1, "no"]}]], b""),
         ([["tuple", []], ["generator", STREAM | {"state": ["0x1", hex(2**129 + 1)]}]], b""),
     ],
     ids=["set", "key", "whole", "flags", "text", "large", "deque", "stream", "half", "wide"],
 )  # fmt: skip
-def test_values_that_python_would_choke_on_are_refused_at_once(nodes, numbers):
+def test_values_that_would_take_python_very_long_are_refused_at_once(nodes, numbers):
     words = json.dumps({"nodes": nodes, "values": [["it", [len(nodes) - 1]]]}).encode()
     began = time.process_time()
     with pytest.raises(SpidarError, match="these are no saved values"):

@@ -1,4 +1,4 @@
-"""Pins tasks over many robots: ends and successes, and that a user's own is what it says, at nearly full speed."""
+"""Pins tasks of many robots: ends and successes, and that a custom task acts as defined at nearly full speed."""
 
 import math
 from typing import Any
@@ -43,8 +43,8 @@ def test_a_success_and_its_forms_are_those_of_the_episode_that_has_ended(mode):
 @pytest.mark.parametrize(
     ("word", "bound", "value"), [("duct", None, 0.0), ("tilt", "MAX_TILT", 0.02), ("astray", "MAX_ASTRAY", 0.0005)]
 )
-def test_a_crawl_ends_with_the_word_for_the_bound_that_the_page_has(monkeypatch, word, bound, value):
-    """Legs thrown about without thrust, within bounds so narrow that each is the first that is left."""
+def test_a_crawl_ends_with_the_word_for_the_exceeded_bound(monkeypatch, word, bound, value):
+    """Random joint motions without thrust, with a bound so narrow that it is exceeded first."""
     if bound:
         monkeypatch.setattr(crawl, bound, value)
     vector = NativeVectorEnv(CRAWL, 6, autoreset_mode="SameStep", max_episode_steps=80, action_mode="direct")
@@ -77,7 +77,7 @@ class Stroll(CrawlTask):
     memory = (("still", "f8"),)
 
     def advance(self, walks):
-        """Count how long nothing has moved."""
+        """Count the time at rest."""
         speed = length(walks.state["velocity_w"])
         walks.memory["still"] = np.where(speed < 0.02, walks.memory["still"] + 0.025, 0.0)
 
@@ -87,15 +87,15 @@ class Stroll(CrawlTask):
         return {"pace": 1.0 - tolerance(speed, 0.05), "level": tolerance(walks.tilt, 0.03)}
 
     def failed(self, walks):
-        """Who stands still."""
+        """Robots that stand still."""
         return {"idle": walks.memory["still"] >= 1.0}
 
     def succeeded(self, walks):
-        """Who is still walking at the end."""
+        """Robots that still walk at the end."""
         return walks.ticks >= walks.horizon
 
 
-def test_a_crawl_task_of_ones_own_rewards_and_ends_what_it_says():
+def test_a_custom_crawl_task_rewards_and_ends_as_defined():
     vector = NativeVectorEnv(CRAWL, 3, task=Stroll(), autoreset_mode="NextStep")
     vector.reset(seed=1)
     size = vector.single_action_space.shape[0]
@@ -110,7 +110,7 @@ def test_a_crawl_task_of_ones_own_rewards_and_ends_what_it_says():
             np.testing.assert_allclose(info["term"], np.stack([pace, level], 1), rtol=0, atol=1e-12)
         assert (info["failure_code"][terminated] == 0).all()
         ended |= terminated
-    assert ended.all(), "while legs are lifted the torso rests"
+    assert ended.all(), "the torso rests while legs are lifted"
     vector.close()
 
 
@@ -126,17 +126,17 @@ FAILURES = {
 
 
 class Circles(HoverTask):
-    """Fly circles of a drawn radius, one in 12 s; too low is over."""
+    """Fly circles of random radius, one in 12 s; the episode ends if the torso is too low."""
 
     reward_terms, failures = TERMS, FAILURES
     memory = (("radius", "f8"), ("way_w", "f8", (3,)))
 
     def draw(self, rng):
-        """A radius [m]."""
+        """Draw a radius [m]."""
         return {"radius": rng.uniform(0.1, 0.3)}
 
     def reference(self, flights):
-        """The hover's, moved along the circle."""
+        """The hover's reference, moved along the circle."""
         wanted, angle, radius = super().reference(flights), RATE * flights.time, flights.memory["radius"]
         wanted["position_w"][:, 0] += radius * (np.cos(angle) - 1.0)
         wanted["position_w"][:, 1] += radius * np.sin(angle)
@@ -145,7 +145,7 @@ class Circles(HoverTask):
         return wanted
 
     def advance(self, flights):
-        """Sum up velocities."""
+        """Sum up the velocities."""
         super().advance(flights)
         flights.memory["way_w"] += flights.state["velocity_w"]
 
@@ -157,19 +157,19 @@ class Circles(HoverTask):
         }
 
     def failed(self, flights):
-        """Too low, or too far off."""
+        """Robots that are too low or too far off."""
         return {
             "low": flights.state["position_w"][:, 2] < 0.3,
             "off": length(flights.position_error) > 0.5,
         }
 
     def succeeded(self, flights):
-        """Whoever is still flying at the end."""
+        """Robots that still fly at the end."""
         return flights.ticks >= flights.horizon
 
 
 @pytest.mark.parametrize("control", ["core", "python"])
-def test_a_users_task_is_flown_alike_by_many_robots_by_one_and_by_a_controller_in_python(control):
+def test_a_custom_task_is_flown_alike_by_many_robots_by_one_and_by_a_python_controller(control):
     options: dict[str, Any] = {"forms": "independent", "disturbances": {"lost_rotor": 3, "fault_time": 0.5}}
     vector: Any = gymnasium.make_vec(HOVER, num_envs=3, task=Circles(), **options)
     singles: list[Any] = [HoverEnv(control=control, task=Circles, **options) for _ in range(3)]
@@ -190,7 +190,7 @@ def test_a_users_task_is_flown_alike_by_many_robots_by_one_and_by_a_controller_i
             _, reward, *_, told = single.step(actions[k])
             np.testing.assert_allclose(info["position_error"][k], told["position_error"], **exact)
             np.testing.assert_allclose(rewards[k], reward, **exact)
-            # The reference of now, by hand: where the circle is, less where the CoG is by the description.
+            # The present error by hand: the point on the circle minus the CoG by the description.
             radius, angle = single.fleet.memory["radius"][0], RATE * tick / 40.0
             place = np.array([radius * (math.cos(angle) - 1.0), radius * math.sin(angle), hover])
             state, R_wb = single.state, quat_to_matrix(single.state.quat_wb)
@@ -203,7 +203,7 @@ def test_a_users_task_is_flown_alike_by_many_robots_by_one_and_by_a_controller_i
 
 
 def episodes(robots, seeds, mode, threads=1, ticks=60):
-    """What robots with these seeds see and get, episode by episode, under actions of their own."""
+    """Observations and terms of robots with these seeds, by episode, with actions from each robot's seed."""
     options: dict[str, Any] = {"action_mode": "direct", "forms": "form1", "max_episode_steps": 25}
     env = NativeVectorEnv(HOVER, robots, num_threads=threads, task=Circles(), autoreset_mode=mode, **options)
     seen, _ = env.reset(seed=seeds)
@@ -238,7 +238,7 @@ def episodes(robots, seeds, mode, threads=1, ticks=60):
     return {s: visited[k][:2] for k, s in enumerate(seeds)}
 
 
-def test_a_users_task_gives_the_same_bits_in_any_company_and_way_of_beginning_anew():
+def test_a_custom_task_gives_the_same_bits_beside_any_robots_and_in_every_autoreset_mode():
     whole = episodes(9, list(range(9)), "NextStep")
     assert all(len(visited) == 2 for visited in whole.values())
     for mode in MODES:
@@ -246,7 +246,7 @@ def test_a_users_task_gives_the_same_bits_in_any_company_and_way_of_beginning_an
         assert episodes(1, [4], mode) == {4: whole[4]}
 
 
-def test_a_users_task_is_saved_with_the_robot_and_stays_itself():
+def test_a_custom_tasks_memory_is_saved_with_the_robot_and_needs_the_same_task():
     one, other = (NativeVectorEnv(HOVER, n, task=Circles(), max_episode_steps=20) for n in (2, 3))
     one.reset(seed=1)
     other.reset(seed=9)
@@ -268,7 +268,7 @@ def test_a_users_task_is_saved_with_the_robot_and_stays_itself():
         vector.close()
 
 
-def test_a_robot_that_diverges_is_the_engines_word_in_the_tasks_own_table():
+def test_a_diverged_robot_has_the_code_for_divergence_in_the_tasks_table():
     env = NativeVectorEnv(HOVER, 2, task=Circles(), autoreset_mode="Disabled")
     env.reset(seed=0)
     env.robots["plant"]["row"][1, 40:78] = 1e30
@@ -282,36 +282,36 @@ def test_a_robot_that_diverges_is_the_engines_word_in_the_tasks_own_table():
 
 
 class Unweighted(Circles):
-    """Weights of more than 1."""
+    """A task whose weights add up to more than 1."""
 
     reward_terms = TERMS | {"position": (0.7, "")}
 
 
 class Speechless(Circles):
-    """No word for what the engine says."""
+    """A task without the engine's word for divergence."""
 
     failures = dict.fromkeys(("low", "off"), "")
 
 
 class Forgetful(Circles):
-    """A term that is in the table alone."""
+    """A task which does not compute a term of its table."""
 
     def terms(self, flights):
-        """One of two."""
+        """One of two terms."""
         return {"position": super().terms(flights)["position"]}
 
 
 class Misshapen(Circles):
-    """A term of all robots together."""
+    """A task with one number for all robots."""
 
     def terms(self, flights):
-        """A mean in place of an entry for every robot."""
+        """A mean instead of an entry for every robot."""
         terms = super().terms(flights)
         return {**terms, "velocity": terms["velocity"].mean()}
 
 
 def test_a_task_that_does_not_fit_is_refused_in_one_line():
-    for task, words in ((Unweighted(), "add up to 1"), (Speechless(), "diverged among them")):
+    for task, words in ((Unweighted(), "add up to 1"), (Speechless(), "failures with diverged")):
         with pytest.raises(InvalidValueError, match=words):
             NativeVectorEnv(HOVER, 1, task=task)
     given: list[tuple[Circles, str]] = [
@@ -328,6 +328,6 @@ def test_a_task_that_does_not_fit_is_refused_in_one_line():
 
 
 @pytest.mark.slow
-def test_a_users_task_runs_at_four_fifths_of_the_built_in_ones_speed():
+def test_a_custom_task_runs_at_four_fifths_of_the_speed_of_the_built_in_task():
     built_in, own = (NativeVectorEnv(HOVER, 64, task=task) for task in (None, Circles()))
     assert speed_share(built_in, own) >= 0.8

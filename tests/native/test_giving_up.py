@@ -149,7 +149,7 @@ def test_where_it_gives_up_a_beginning_it_says_so_in_one_line(short_of_memory, w
     position_w = env.fleet.rules["position_w"]
     height = position_w[2]
     position_w[2] = -3.0  # the next episodes begin in the floor
-    with pytest.raises(SpidarError, match=r"^MuJoCo gave up robot 0: [^\n]*stack overflow[^\n]*; valid: [^\n]*$"):
+    with pytest.raises(SpidarError, match=r"^MuJoCo failed for robot 0: [^\n]*stack overflow[^\n]*; valid: [^\n]*$"):
         env.step(np.zeros(env.action_space.shape)) if within_a_step else env.reset()
     position_w[2] = height
     env.reset(seed=0)

@@ -1,4 +1,4 @@
-"""What `baselines/planning.py`, whose bytes its row holds, imports from here: ranges of drawn forms."""
+"""Ranges of sampled forms, imported from here by `baselines/planning.py`, whose bytes are pinned in its row."""
 
 from spidar_gym.tasks.hover import DRAWN_FORMS
 

@@ -1,1 +1,1 @@
-"""Environments and their robots as bytes: copies, pickles, saved states, and what these are held to."""
+"""Serialisation of environments and their robots: copies, pickles, saved states, and their validation."""

@@ -1,8 +1,8 @@
-"""What environments and their parts keep between steps, and what values of a file are held to before they do.
+"""Validation of saved values before they become attributes of an environment and its parts.
 
-Attributes of our own classes have kinds, by class and name; fields of our own dataclasses are of the kinds that their
-annotations say, and what a dataclass refuses when it is made it refuses here. What a law or an environment of one's own
-keeps besides is its own business.
+Attributes of this package's classes have types by class and name. Fields of its dataclasses have the types of their
+annotations, and `__post_init__` checks them again. Additional attributes of custom laws and environments are not
+checked.
 """
 
 import copy
@@ -43,7 +43,7 @@ from spidar_gym.state import Command, Reference, RobotState
 from spidar_gym.tasks.start import FlightStart
 
 MOST = 2**53
-"""Whole numbers that are counted with are nearer to 0."""
+"""Limit of the magnitude of integers."""
 _COMMANDER = {"seen": RobotState | None, "command": Command | None}
 _COMMON = {"dt": float, "_torque_limit": JointVector}
 KEPT: dict[type, dict[str, Any]] = {
@@ -68,40 +68,40 @@ KEPT: dict[type, dict[str, Any]] = {
     CrawlCommander: _COMMANDER,
     CourseCommander: _COMMANDER,
 }  # fmt: skip
-"""Kinds of what parts of an environment keep, by class."""
+"""Types of the attributes of an environment's parts, by class."""
 KEPT_BY_ENVIRONMENTS: dict[str, Any] = {
     "ticks": int, "sampled_parameters": dict[str, np.ndarray], "_began": bool,
     "_np_random": np.random.Generator | None, "_np_random_seed": int | None, "_choices": dict[str, Any],
     "_disturbances": Disturbances, "_start": FlightStart | None, "_given": Course | None,
 }  # fmt: skip
-"""Kinds of what environments keep besides their task."""
+"""Types of the attributes of environments besides their task."""
 
 
 def fault_of(part: object, names: Collection[str], told: dict[str, Any], *, is_environment: bool) -> str:
-    """What of saved attributes no such object keeps, in words; empty where it keeps all.
+    """Return why saved attributes do not fit an object, in words; empty if all fit.
 
     Args:
         part: An environment or a part of one.
-        names: What it keeps now.
-        told: What it is to keep, by name.
-        is_environment: Which of them it is.
+        names: Names of its current attributes.
+        told: Saved attributes by name.
+        is_environment: Whether it is an environment.
     """
     kinds = KEPT_BY_ENVIRONMENTS if is_environment else _kinds(type(part))
     wrong = [name for name in told if not _is_attribute(part, name)] or [
         n for n in names if n in kinds and n not in told
     ]
     if wrong:
-        return f"{wrong[0]!s:.40} missing, or where it is no attribute"
+        return f"{wrong[0]!s:.40} missing, or not an attribute"
     for name, value in told.items():
         if not _fits(value, kinds.get(name, Any)):
-            return f"{name} of another kind"
+            return f"{name} of another type"
         if fault := _fault_of_value(value, set()):
             return f"{name}: {fault}"
     return ""
 
 
 def _is_attribute(part: object, name: object) -> bool:
-    """Whether an object may have an attribute of this name, and nothing else is called so."""
+    """Return whether an object may have an attribute of this name: no method or property is named so."""
     meaning = getattr_static(type(part), name, None) if isinstance(name, str) else None
     return isinstance(name, str) and name.isidentifier() and not (callable(meaning) or isinstance(meaning, property))
 
@@ -112,7 +112,7 @@ def _kinds(kind: type) -> dict[str, Any]:
 
 @cache
 def _hints(kind: type) -> dict[str, Any]:
-    """Annotations of a dataclass's fields; none where they name what is not there."""
+    """Return the annotations of a dataclass's fields; none if they cannot be resolved."""
     try:
         return typing.get_type_hints(kind)
     except (NameError, TypeError):
@@ -120,7 +120,7 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401 - any value; an annotation
-    """Whether a value is of the kind that an annotation says; one that says nothing that is known here takes any."""
+    """Return whether a value matches an annotation; an annotation of an unknown form matches any value."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
         return any(_fits(value, each) for each in arguments)
@@ -147,7 +147,7 @@ def _fits(value: Any, hint: Any) -> bool:  # noqa: ANN401 - any value; an annota
 
 
 def _fault_of_value(value: Any, seen: set[int]) -> str:  # noqa: ANN401 - any value
-    """What of a value and of those in it is not as its class says."""
+    """Return why a value, or a value within it, does not match its class, in words; empty if all match."""
     if isinstance(value, str | int | float | np.ndarray | NoneType) or id(value) in seen:
         return ""
     seen.add(id(value))
@@ -168,20 +168,20 @@ def _fault_of_ours(value: Any) -> str:  # noqa: ANN401 - one of our dataclasses
     for each in fields(value):
         own, hint = getattr(value, each.name), hints.get(each.name, Any)
         shaped = hint is np.ndarray and each.default_factory is not MISSING
-        flat = hint is np.ndarray and not np.ndim(own)  # an array of ours has a dimension
+        flat = hint is np.ndarray and not np.ndim(own)  # arrays here have at least one dimension
         if not _fits(own, hint) or flat or (shaped and own.shape != np.shape(each.default_factory())):  # pyright: ignore[reportCallIssue] - it is given
-            return f"{kind.__name__} with {each.name} of another kind"
+            return f"{kind.__name__} with {each.name} of another type"
     if hasattr(kind, "__post_init__"):
         copy.copy(value).__post_init__()
     if isinstance(value, GaitMemory) and not _is_in_a_phase(value):
-        return "phase is none of the present step's"
+        return "phase is not one of the current step's"
     if isinstance(value, ManagerMemory) and value.phase not in orders.PHASES:
-        return "phase is none of the manager's"
+        return "phase is not one of the manager's"
     return ""
 
 
 def _is_in_a_phase(memory: GaitMemory) -> bool:
-    """Whether a gait is where its present step can be."""
+    """Return whether the phase of a gait is one of its current step."""
     steps, phase = memory.steps, memory.phase
     known = all(each.phases in (CYCLE, LIFT, STAND) and {*each.legs} <= {*range(N_LEGS)} for each in steps)
     runs = bool(steps) and 0 <= memory.index < len(steps[0].phases) and steps[0].phases[memory.index] == phase

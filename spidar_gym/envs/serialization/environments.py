@@ -1,7 +1,7 @@
-"""Moments of an environment: copies that go on by themselves, and bytes from which another one goes on.
+"""Snapshots of an environment: independent copies, and saved states from which another environment resumes.
 
-What is remembered is all that an environment, its controller and their parts have as attributes, but for what their
-construction settles. So what a law or an environment of one's own keeps comes along, under whatever name.
+A snapshot contains all attributes of an environment, its controller and their parts, except those that the constructor
+determines. It therefore includes additional attributes of custom laws and environments.
 """
 
 import hashlib
@@ -33,29 +33,29 @@ from spidar_gym.native.plant import Plant, Saved
 from spidar_gym.sim.config import PlantConfig
 
 TITLE = "state.json"
-"""Part of a saved state that says what it is of."""
+"""Part of a saved state that describes its environment."""
 PARTS = (Commander, ReadableController, Manager, Gait, Allocator, Pilot, Estimator, Core, Plant)
-"""Objects that remember something, each in place."""
+"""Classes of parts with state, which is restored in place."""
 IN_BYTES = (Core, Plant)
-"""Those of them that the library remembers for."""
+"""Classes of parts whose state is in the native library."""
 SETTLED = (
     "view", "robot", "layout", "sight", "render_mode", "action_space", "observation_space", "spec", "fleet", "plant",
     "hold", "most_steps", "_arguments", "_is_bare", "_nominal", "_randomization", "_described", "_control", "_mode",
     "_bound", "_ruled", "_config", "_allocator", "_law", "_is_waypoint", "_made", "turn", "is_closed", "truncates",
     "metadata", "reward_terms", "failures", "_now",
 )  # fmt: skip
-"""Attributes of an environment that its construction settles."""
+"""Attributes of an environment that its constructor determines."""
 SETTLED_OF_PARTS = {
     ReadableController: ("preview",), Allocator: ("modes", "_workspaces"), Pilot: ("manager",),
     Commander: ("_fleet", "_plant", "_mode", "_bound", "_gait", "_is_waypoint", "_decide", "_is_described"),
 }  # fmt: skip
-"""The same of its parts."""
+"""Attributes of parts that their constructors determine."""
 _ROOT = "env"
-"""How the environment itself is called among its parts."""
+"""Path of the environment itself among its parts."""
 
 
 class Restorable(ABC):
-    """An environment that is copied, pickled, saved and restored."""
+    """Copying, pickling, saving and restoring of an environment."""
 
     task: Any
     fleet: Fleet
@@ -69,20 +69,20 @@ class Restorable(ABC):
     _control: str
     _ruled: Any
     _made: tuple[Any, PlantConfig]
-    """Task and robot as they were asked for."""
+    """Task and nominal robot from the constructor."""
     _now: dict[str, Any]
-    """What is known of this tick."""
+    """Values cached in the current tick."""
     _commander: Commander | None
-    """The controller in Python, where there is one."""
+    """Python controller, or None."""
 
     @property
     @abstractmethod
     def horizon(self) -> int:
-        """Steps after which the episode ends, unless it fails before."""
+        """Steps after which the episode is truncated."""
 
     @in_turn
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy is made of; who looks into the engine's memory looks into the copy's there."""
+        """Return the state for a copy, without the controller that is a view of the engine's memory."""
         state = vars(self).copy()
         if self._is_bare:
             return state
@@ -93,7 +93,7 @@ class Restorable(ABC):
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Become a copy."""
+        """Restore a copy, with a controller that is a view of its own engine."""
         vars(self).update(state)
         if self._is_bare:
             return
@@ -102,11 +102,11 @@ class Restorable(ABC):
         self.fleet.commander = self._commander
 
     def __copy__(self) -> NoReturn:
-        """Two environments that share one robot would both be wrong about it."""
+        """Refuse a shallow copy: two environments would step the same robot."""
         raise SpidarError("copy.copy would share one robot; valid: copy.deepcopy(env)")
 
     def _obey(self, fleet: Fleet) -> None:
-        """Let the engine's rules be those of the task, which may have become another."""
+        """Update the engine's rules if the task has changed."""
         if self.task is not self._ruled:
             self._rule(fleet)
             self._ruled = self.task
@@ -114,11 +114,11 @@ class Restorable(ABC):
 
     @in_turn
     def save_state(self) -> bytes:
-        """All that there is of this moment: the robot, the controller, the task, what is drawn next; nothing changes.
+        """Return a snapshot as bytes: robot, controller, task and random generators. The environment is unchanged.
 
         Raises:
-            SpidarError: When `reset` was never called, and where a law or a class of one's own keeps what no file
-                holds, such as a function or a network.
+            SpidarError: When `reset` was never called, or if a custom law or class has an attribute that cannot be
+                saved, such as a function or a network.
         """
         if not self._began:
             raise SpidarError("there is no episode before reset(); valid: call reset() first")
@@ -132,16 +132,16 @@ class Restorable(ABC):
 
     @in_turn
     def restore_state(self, saved: bytes) -> tuple[Any, dict[str, Any]]:
-        """Go on from a moment that was saved, bit for bit as that environment would have.
+        """Resume from a saved state, bit for bit as the saved environment would have continued.
 
         Args:
-            saved: What `save_state` gave, of any environment of the same id and options, here or in another process.
+            saved: Bytes from `save_state` of any environment of the same id and options, in this or another process.
 
         Returns:
-            Observation and info of that moment.
+            Observation and info of the saved state.
 
         Raises:
-            SpidarError: For bytes that are not what fits here, and nothing has changed.
+            SpidarError: For bytes that do not match this environment, which is then unchanged.
         """
         told, arrays = _opened(saved)
         own = self._description()
@@ -149,8 +149,8 @@ class Restorable(ABC):
         back = self._way_back()
         try:
             seen = self._become(arrays)
-            _require_same(self._description(), own)  # what it says of itself is not always what it holds
-        except Exception as error:  # of damaged values anything may come; whatever it is, nothing has changed
+            _require_same(self._description(), own)  # the description in the file may not match its content
+        except Exception as error:  # damaged values may raise anything; undo all changes
             back()
             if isinstance(error, SpidarError):
                 raise
@@ -160,15 +160,15 @@ class Restorable(ABC):
         return seen
 
     def _become(self, arrays: dict[str, np.ndarray]) -> tuple[Any, dict[str, Any]]:
-        """Go on from what was saved, observation and info of that; where this raises, some of it may be taken over."""
+        """Apply a saved state and return its observation and info; an exception may leave it partly applied."""
         self._take_over(arrays)
-        if self._commander is not None:  # Python may raise anything at what means nothing: a step shows, and is undone
+        if self._commander is not None:  # values without meaning may raise in a Python controller: try a step, undo it
             self.fleet.step()
             self._take_over(arrays)
         return self._shown()
 
     def _take_over(self, arrays: dict[str, np.ndarray]) -> None:
-        """Remember what was saved, all of it new."""
+        """Replace the state of all parts by newly made saved values."""
         known = unpack_values(arrays["words"], arrays["numbers"], self._modules())
         parts, fleet = dict(self._parts()), self.fleet
         _require_parts(known, parts)
@@ -180,7 +180,7 @@ class Restorable(ABC):
         self._forget()
 
     def _way_back(self) -> Callable[[], None]:
-        """What lets everything be again as it is now."""
+        """Return a function that restores the current state."""
         parts, fleet = dict(self._parts()), self.fleet
         if self._began:
             self.plant.keep()
@@ -202,22 +202,22 @@ class Restorable(ABC):
         return back
 
     def _parts(self) -> Iterator[tuple[str, Any]]:
-        """The environment itself, and what of it remembers something by itself, by the way that leads there."""
+        """Yield the environment and its parts with state, each with its attribute path."""
         yield _ROOT, self
         if self._commander is not None:
             yield from _parts_of(self, "", set())
 
     def _modules(self) -> set[str]:
-        """Modules that what is remembered may have its classes from: those of the environment and its controller."""
+        """Return the modules whose classes saved values may have: those of the environment and its controller."""
         parts = [self.task, *(part for _, part in self._parts())]
         return {kind.__module__ for part in parts for kind in type(part).__mro__ if kind is not object}
 
     def _description(self) -> dict[str, Any]:
-        """What has to be the same where an episode is to go on."""
+        """Return what must be equal in the environment that resumes an episode."""
         task, robot = self._made
         kinds = [_name(type(part)) for path, part in self._parts() if path.startswith("controller")]
         asked = {each.name: getattr(task, each.name) for each in fields(task) if each.name not in self.reset_options}
-        ground = robot.ground  # where it is drawn, the episode's
+        ground = robot.ground  # with sampled floors, the episode's
         floor = ground.uneven, ground.boxed, ground.slope, ground.heading
         mode = [(channel.name, channel.size) for channel in self._mode.channels], self._mode.residual is None
         options = asked | {f"plant.{f.name}": getattr(robot, f.name) for f in fields(robot) if f.name != "ground"}
@@ -236,11 +236,11 @@ class Restorable(ABC):
 
     @abstractmethod
     def render(self) -> Any:  # noqa: ANN401 - as Gymnasium has it
-        """A picture."""
+        """Return a picture."""
 
     @abstractmethod
     def _look_at_controller(self) -> Any:  # noqa: ANN401 - a controller of the subclass
-        """The core's controller in the engine's memory."""
+        """Return a view of the core's controller in the engine's memory."""
 
     @abstractmethod
     def _rule(self, fleet: Fleet) -> None:
@@ -248,22 +248,22 @@ class Restorable(ABC):
 
     @abstractmethod
     def _forget(self) -> None:
-        """What was read of the last tick is past."""
+        """Clear the values cached in the last tick."""
 
     @abstractmethod
     def _shown(self) -> tuple[Any, dict[str, Any]]:
-        """Observation and info of now."""
+        """Return the current observation and info."""
 
 
 def _require_same(told: Mapping[str, Any], own: Mapping[str, Any]) -> None:
-    """Refuse a moment of another environment than the one that is to go on from it."""
+    """Require a saved state to be of an equal environment (`SpidarError`)."""
     for name, here in own.items():
         if told.get(name) != here:
             raise SpidarError(f"the saved state is of another {name}: {shown(told.get(name))}; valid here: {here}")
 
 
 def _parts_of(owner: Any, path: str, seen: set[int]) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - an environment or a part of one
-    """Parts of an owner and their parts, each once, by the way that leads there."""
+    """Yield the parts of an owner and their parts, each once, with their attribute paths."""
     for name, value in vars(owner).items():
         if isinstance(value, PARTS) and name not in _settled(owner) and id(value) not in seen:
             seen.add(id(value))
@@ -273,20 +273,20 @@ def _parts_of(owner: Any, path: str, seen: set[int]) -> Iterator[tuple[str, Any]
 
 
 def _settled(owner: Any) -> tuple[str, ...]:  # noqa: ANN401 - as above
-    """Attributes that its construction settles."""
+    """Return the attributes that its constructor determines."""
     if isinstance(owner, Restorable):
         return SETTLED
     return next((names for kind, names in SETTLED_OF_PARTS.items() if isinstance(owner, kind)), ())
 
 
 def _names(part: Any) -> list[str]:  # noqa: ANN401 - as above
-    """Attributes in which it remembers something by itself."""
+    """Return the attributes that hold its own state."""
     settled = _settled(part)
     return [name for name, value in vars(part).items() if not (name in settled or isinstance(value, (*PARTS, Model)))]
 
 
 def _remembered(part: Any) -> dict[str, Any]:  # noqa: ANN401 - as above
-    """What it remembers, by name."""
+    """Return its state by name."""
     if isinstance(part, Core):
         return part.remembered()
     if isinstance(part, Plant):
@@ -295,7 +295,7 @@ def _remembered(part: Any) -> dict[str, Any]:  # noqa: ANN401 - as above
 
 
 def _recall(part: Any, known: dict[str, Any]) -> None:  # noqa: ANN401 - as above
-    """Let it remember just that."""
+    """Set its state."""
     if isinstance(part, Core):
         part.recall(known)
     elif isinstance(part, Plant):
@@ -307,7 +307,7 @@ def _recall(part: Any, known: dict[str, Any]) -> None:  # noqa: ANN401 - as abov
 
 
 def _require_parts(known: dict[str, Any], parts: dict[str, Any]) -> None:
-    """Raise `SpidarError` for what the parts of this environment cannot remember."""
+    """Require saved values to fit the parts of this environment (`SpidarError`)."""
     valid = "valid: one of an environment with such a controller"
     if known.keys() != parts.keys() or not all(isinstance(told, dict) for told in known.values()):
         raise SpidarError(f"the saved state is of other parts; {valid}")
@@ -316,7 +316,7 @@ def _require_parts(known: dict[str, Any], parts: dict[str, Any]) -> None:
         if isinstance(part, IN_BYTES):
             fault = _fault_in_bytes(part, told)
         elif any(name in _settled(part) for name in told):
-            fault = "attributes that are settled"
+            fault = "attributes that the constructor determines"
         else:
             fault = fault_of(part, _names(part), told, is_environment=path == _ROOT)
         if fault:
@@ -327,7 +327,7 @@ def _require_parts(known: dict[str, Any], parts: dict[str, Any]) -> None:
 
 
 def _fault_in_bytes(part: Any, told: dict[str, Any]) -> str:  # noqa: ANN401 - as above
-    """What of a part that the library remembers for cannot be, in words; else empty."""
+    """Return why values do not fit a part whose state is in the library, in words; else empty."""
     sizes = [
         {name: len(value) if isinstance(value, bytes) else 0 for name, value in each.items()}
         for each in (_remembered(part), told)
@@ -338,7 +338,7 @@ def _fault_in_bytes(part: Any, told: dict[str, Any]) -> str:  # noqa: ANN401 - a
 
 
 def _opened(saved: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """What a saved state says that it is of, and its arrays (`SpidarError` where it is none)."""
+    """Return the description and the arrays of a saved state (`SpidarError` for other bytes)."""
     valid = "valid: the bytes that save_state() gave, all of them"
     if not isinstance(saved, bytes):
         raise SpidarError(f"a {type(saved).__name__} is no saved state; {valid}")
@@ -352,6 +352,6 @@ def _opened(saved: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 
 def _name(kind: type) -> str:
-    """A class in a word; of another package with its module."""
+    """Return the name of a class; with its module if it is of another package."""
     own = kind.__module__.startswith("spidar_gym.")
     return kind.__qualname__ if own else f"{kind.__module__}.{kind.__qualname__}"

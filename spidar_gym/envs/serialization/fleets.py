@@ -1,4 +1,4 @@
-"""Robots of a fleet as bytes, and back: into another place, another vector, another process, where they go on."""
+"""Serialisation of a fleet's robots, which resume in another slot, vector or process."""
 
 import hashlib
 import json
@@ -16,25 +16,25 @@ from spidar_gym.native.limits import differs, fault_of
 from spidar_gym.robot.description import model_hash
 
 MAGIC = b"spidar robots\n"
-"""What saved robots begin with; a line of JSON that says what they are follows, their numbers, and a checksum."""
+"""First bytes of saved robots; a line of JSON that describes them, their numbers, and a checksum follow."""
 ROOMS = ("goals", "knots")
-"""Arrays of a fleet of which a robot has more or fewer entries."""
+"""Arrays of a fleet with a varying number of entries per robot."""
 _WORDS = "environment", "robot", "task", "version", "set of options"
-"""What the head says in words."""
+"""Entries of the head that are strings."""
 _CONTROLLERS = {
     "hover": ("flight", "controller", "controller_config"), "crawl": ("crawl", "controller", "crawler_config"),
     "course": ("manager", "manager", "manager_config"),
 }  # fmt: skip
-"""Who controls robots, where the rules say how, and the struct of that."""
+"""Member of a robot with its controller, member of the rules with the configuration, and the latter's struct."""
 CHECKSUM = hashlib.sha256().digest_size
 
 
 def save(fleet: Fleet, ids: Sequence[int]) -> bytes:
-    """All that there is of some robots.
+    """Return the complete state of some robots as bytes.
 
     Args:
-        fleet: Where they are.
-        ids: Which ones.
+        fleet: Fleet of the robots.
+        ids: Indices of the robots.
     """
     rooms = {name: getattr(fleet, name).shape[1] for name in ROOMS}
     head = json.dumps(_description(fleet, ids) | {"robots": len(ids), **rooms}).encode() + b"\n"
@@ -44,18 +44,17 @@ def save(fleet: Fleet, ids: Sequence[int]) -> bytes:
 
 
 def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
-    """Let robots be those that were saved, in their order.
+    """Replace robots by saved ones, in the order of the saved ones.
 
     Args:
-        fleet: Where they are to be.
-        saved: What `save` gave, of any fleet of the same environment and options; how episodes follow each other may
-            differ.
-        ids: Which robots become the saved ones.
+        fleet: Fleet of the robots to replace.
+        saved: Bytes from `save` of any fleet of the same environment and options; the autoreset mode may differ.
+        ids: Indices of the robots to replace.
 
     Raises:
-        SpidarError: For bytes that are no saved robots, are damaged, of another version, another environment or other
-            options, and nothing has changed.
-        InvalidValueError: For another number of robots than were saved, and nothing has changed.
+        SpidarError: For bytes that are not saved robots, are damaged, or of another version, environment or other
+            options; the fleet is unchanged.
+        InvalidValueError: For another number of robots than were saved; the fleet is unchanged.
     """
     told, body = _opened(fleet, saved, ids)
     rows = _rows(fleet, body, len(ids), {name: told[name] for name in ROOMS})
@@ -73,7 +72,7 @@ def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
 
 
 def _opened(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> tuple[dict[str, Any], bytes]:
-    """Head and body of saved robots that fit here; errors as of `restore`."""
+    """Return the head and the body of saved robots that match this fleet; errors as for `restore`."""
     if not (isinstance(saved, bytes) and saved.startswith(MAGIC)):
         raise SpidarError("these are no saved robots; valid: the bytes that save() gave")
     content, checksum = saved[:-CHECKSUM], saved[-CHECKSUM:]
@@ -94,7 +93,7 @@ def _opened(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> tuple[dict[str, A
 
 
 def _rows(fleet: Fleet, body: bytes, robots: int, rooms: dict[str, int]) -> list[np.ndarray]:
-    """Arrays of saved robots, one for each of `_parts` (`SpidarError` for a body of another size)."""
+    """Return the arrays of saved robots, one for each of `_parts` (`SpidarError` for a body of another size)."""
     shapes = []
     for part in _parts(fleet):
         name = next((name for name in ROOMS if part is getattr(fleet, name)), None)
@@ -110,14 +109,14 @@ def _rows(fleet: Fleet, body: bytes, robots: int, rooms: dict[str, int]) -> list
 
 
 def _fault(fleet: Fleet, rows: list[np.ndarray], ids: list[int]) -> str:
-    """What of saved robots is out of bounds, does not fit together or not to the options, in words; else empty."""
+    """Return which saved values are out of bounds, inconsistent or do not match the options, in words; else empty."""
     robots, goals, knots, observations, infos, quantities, *others = rows
     parts = ((f"{fleet.kind}_robot", robots), ("goal", goals), ("knot", knots), (f"{fleet.kind}_info", infos))
     for struct, records in parts:
         if fault := fault_of(struct, records):
             return fault
     if fleet.kind == "hover" and not ((robots["goals"] <= goals.shape[1]) & (robots["knots"] <= knots.shape[1])).all():
-        return "more goals or knots than there is room for"
+        return "more goals or knots than allocated"
     if (
         not (robots["episode"]["failure"] < len(fleet.task.failures)).all()
         or not (infos["info"]["failure_code"] < len(fleet.task.failures)).all()
@@ -129,26 +128,26 @@ def _fault(fleet: Fleet, rows: list[np.ndarray], ids: list[int]) -> str:
         "plant_config", robots["plant"]["config"], rules["rules"]["plant"], ("i4",)
     )
     if fault:
-        return f"config.{fault} is another than the options say"
+        return f"config.{fault} differs from the options"
     if fleet.has_own_copies and (fault := fleet.engine.fault_of_copies(others.pop())):
         return fault
     counted = np.ascontiguousarray(quantities).view(np.float64)
     plain = [observations, counted, *(part for part in others if part.dtype.kind == "f")]
     flags = [part.view(np.uint8) for part in others if part.dtype.kind == "b"]
     if not all(np.isfinite(part).all() for part in plain) or any((part > 1).any() for part in flags):
-        return "a number that is none"
+        return "a number that is not finite, or a flag other than 0 or 1"
     return ""
 
 
 def _parts(fleet: Fleet) -> list[np.ndarray]:
-    """Arrays with an entry for every robot that are all that there is of them."""
+    """Return the arrays that hold the complete state of the robots, with an entry for each."""
     parts = [fleet.robots, fleet.goals, fleet.knots, *fleet.parts]
-    # Where all robots are alike there is a single copy of what they are, and every fleet of these options has the same.
+    # If all robots are alike, they share a single copy of their model, equal in every fleet of these options.
     return parts + [fleet.engine.copies] * fleet.has_own_copies
 
 
 def _description(fleet: Fleet, ids: Sequence[int]) -> dict[str, Any]:
-    """What has to be the same where robots are to go on."""
+    """Return what must be equal in the fleet in which robots resume."""
     rules = fleet.rules.copy() if fleet.rules.ndim == 0 else fleet.rules[list(ids)]
     rules["rules"]["autoreset"] = 0
     return {
@@ -161,7 +160,7 @@ def _description(fleet: Fleet, ids: Sequence[int]) -> dict[str, Any]:
 
 
 def _content(record: np.ndarray) -> bytes:
-    """Bytes of a record without those between its members, which mean nothing."""
+    """Return the bytes of a record without the padding between its members."""
     if record.dtype.names is None:
         return record.tobytes()
     return b"".join(_content(record[name]) for name in record.dtype.names)

@@ -1,7 +1,6 @@
-"""Values as words and numbers, and back: a file of them is data, of which nothing runs, as it would of a pickle.
+"""Serialisation of values as words and numbers: reading such a file runs no code, unlike a pickle.
 
-What refers to others stands behind them in one list, so nothing is read before what it is made of, and what two share
-they share again.
+A value follows the values that it contains in one list, so that these are read first. Shared values stay shared.
 """
 
 import json
@@ -25,11 +24,11 @@ PACKAGE = __name__.partition(".")[0]
 VALID = (
     "numbers, text, arrays, lists, tuples, sets, dictionaries, dataclasses, generators; anything in copy.deepcopy(env)"
 )
-"""What can be written."""
+"""Types that can be written."""
 MOST_VALUES = 10**6
-"""Values in a value, each as often as it is there."""
+"""Limit of the values within a value, with repetitions."""
 MOST_DIGITS = 1000
-"""Hexadecimal digits of a whole number: Python shows no more."""
+"""Limit of an integer's hexadecimal digits: Python prints no more."""
 _CONTAINERS: dict[str, Any] = {kind.__name__: kind for kind in (list, tuple, set, frozenset)}
 _KINDS = ("float", "int", "bytes", "array", "number", "deque", "dict", "generator", "word", "named", "data")
 _DTYPE = re.compile(r"[<>|][biufcUS]\d+")
@@ -38,15 +37,15 @@ _DTYPE = re.compile(r"[<>|][biufcUS]\d+")
 def pack_values(
     values: dict[str, Any], modules: Collection[str] = (), *, shared: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values as two arrays of bytes: words in JSON, and numbers.
+    """Return values as two arrays of bytes: words in JSON, and numbers.
 
     Args:
-        values: By name, however deep they are.
-        modules: Modules besides our own that classes of values may be from.
-        shared: Whether it is told what two of them share: without, equal values give equal bytes.
+        values: Values by name, nested to any depth.
+        modules: Modules besides this package's whose classes values may have.
+        shared: Whether shared values are stored once; if not, equal values yield equal bytes.
 
     Raises:
-        SpidarError: For a value that is none of `VALID`; it says where.
+        SpidarError: For a value of another type than those in `VALID`, with its path.
     """
     writer = _Writer(modules, shared=shared)
     root = [[name, writer.write(value, name)] for name, value in values.items()]
@@ -55,7 +54,7 @@ def pack_values(
 
 
 def unpack_values(words: np.ndarray, numbers: np.ndarray, modules: Collection[str] = ()) -> dict[str, Any]:
-    """The values, all of them new (`SpidarError` for what `pack_values` has not written, and for unknown classes)."""
+    """Read values, all newly made (`SpidarError` for bytes that `pack_values` has not written, and unknown classes)."""
     try:
         told = parse_json(words.tobytes())
         reader = _Reader(numbers.tobytes(), modules)
@@ -69,7 +68,7 @@ def unpack_values(words: np.ndarray, numbers: np.ndarray, modules: Collection[st
 
 
 def find_class(name: str, modules: Collection[str]) -> Any:  # noqa: ANN401 - a class
-    """A class that values may be of, by `module:name`; None where there is none. Nothing is imported."""
+    """Return a class that values may have, by `module:name`, or None. Nothing is imported."""
     module, _, path = name.partition(":")
     if not (module.partition(".")[0] == PACKAGE or module in modules):
         return None
@@ -82,7 +81,7 @@ def find_class(name: str, modules: Collection[str]) -> Any:  # noqa: ANN401 - a 
 
 
 class _Writer:
-    """Values on their way to bytes."""
+    """Writer of values."""
 
     def __init__(self, modules: Collection[str], *, shared: bool) -> None:
         self.nodes: list[list[Any]] = []
@@ -92,7 +91,7 @@ class _Writer:
         self._open: set[int] = set()
 
     def write(self, value: Any, place: str) -> Any:  # noqa: ANN401 - any value; JSON
-        """A plain value itself, or `[k]` for the k-th node."""
+        """Return a plain value itself, or `[k]` for the k-th node."""
         kind = type(value)
         if value is None or kind in (bool, str):
             return value
@@ -105,7 +104,7 @@ class _Writer:
         self._open.add(id(value))
         self.nodes.append(self._node(value, place))
         self._open.remove(id(value))
-        if self._shared:  # with the value, so that nobody else gets its address
+        if self._shared:  # keep the value, so that its id is not reused
             self._known[id(value)] = len(self.nodes) - 1, value
         return [len(self.nodes) - 1]
 
@@ -119,7 +118,7 @@ class _Writer:
         if kind is bytes:
             return ["bytes", self._put(value), len(value)]
         if kind is np.ndarray:
-            # Products of matrices that lie in memory another way round are summed in another order.
+            # Keep the memory order: it determines the order of summation in matrix products.
             order = "C" if value.flags.c_contiguous or not value.flags.f_contiguous else "F"
             at = self._put(self._plain(value, place).tobytes(order))
             return ["array", value.dtype.str, list(value.shape), order, value.flags.writeable, at]
@@ -162,7 +161,7 @@ class _Writer:
         return {name: self.write(getattr(value, name), f"{place}.{name}") for name in names}
 
     def _generator(self, value: np.random.Generator, place: str) -> dict[str, Any]:
-        from_numpy(value)  # refuses those of another kind
+        from_numpy(value)  # raises for other bit generators
         bits: Any = value.bit_generator
         state, seeds = bits.state, bits.seed_seq
         return {
@@ -174,11 +173,11 @@ class _Writer:
 
     def _refuse(self, value: Any, place: str) -> NoReturn:  # noqa: ANN401 - any value
         kind = type(value)
-        raise SpidarError(f"{place} is a {kind.__module__}.{kind.__qualname__}, which no file holds; valid: {VALID}")
+        raise SpidarError(f"{place} is a {kind.__module__}.{kind.__qualname__}, which cannot be saved; valid: {VALID}")
 
 
 class _Reader:
-    """Values on their way back."""
+    """Reader of values."""
 
     def __init__(self, numbers: bytes, modules: Collection[str]) -> None:
         self._numbers, self._modules = numbers, modules
@@ -187,14 +186,14 @@ class _Reader:
         self._size = 0
 
     def value(self, told: Any) -> Any:  # noqa: ANN401 - JSON; any value
-        """What stands for a value, as `_Writer.write` gave it."""
+        """Return the value of an entry written by `_Writer.write`."""
         if not isinstance(told, list):
             return told
         self._size += self._sizes[told[0]]
         return self.made[told[0]]
 
     def append(self, kind: str, *told: Any) -> None:  # noqa: ANN401 - JSON
-        """Make the next node, bounded as if its parts were not shared: Python hashes each as often as it is there."""
+        """Make the next node; its size counts shared parts repeatedly, because Python hashes them repeatedly."""
         self._size = 1
         self.made.append(self.make(kind, *told))
         if self._size > MOST_VALUES:
@@ -202,11 +201,11 @@ class _Reader:
         self._sizes.append(self._size)
 
     def make(self, kind: str, *told: Any) -> Any:  # noqa: ANN401 - JSON; any value
-        """The value of a node."""
+        """Return the value of a node."""
         if kind in _CONTAINERS:
             return _CONTAINERS[kind](map(self.value, told[0]))
         if kind not in _KINDS:
-            raise ValueError(f"{kind!s:.20} is no kind of value")
+            raise ValueError(f"{kind!s:.20} is not a type of value")
         return getattr(self, f"_{kind}")(*told)
 
     def _float(self, text: str) -> float:
@@ -244,7 +243,7 @@ class _Reader:
         bits, (state, increment) = np.random.PCG64(seeds), (int(text, 16) for text in told["state"])
         is_stream = 0 <= state < 2**128 and 0 <= increment < 2**128 and increment % 2
         if not (is_stream and told["half"][0] in (0, 1) and 0 <= told["half"][1] < 2**32):
-            raise ValueError("a generator that comes back to where it was")
+            raise ValueError("a generator with an invalid state")
         bits.state = {
             "bit_generator": "PCG64", "state": {"state": state, "inc": increment}, "has_uint32": told["half"][0],
             "uinteger": told["half"][1],
@@ -261,7 +260,7 @@ class _Reader:
         kind = self._kind(name)
         if [each.name for each in fields(kind)] != list(told):
             raise SpidarError(f"{name} had other fields when it was saved; valid: what this version saved")
-        made = object.__new__(kind)  # as it was, whatever it became after it was made
+        made = object.__new__(kind)  # sets all fields directly, as they may have changed after construction
         for field, value in told.items():
             object.__setattr__(made, field, self.value(value))
         return made
@@ -274,15 +273,15 @@ class _Reader:
 
 
 def _sound(array: np.ndarray) -> np.ndarray:
-    """An array whose bytes are what numpy writes for flags and text."""
+    """Require the bytes of flags and text to be valid, and return the array."""
     if array.dtype.kind == "b" and array.size and array.view(np.uint8).max() > 1:
-        raise ValueError("a flag that is neither")
+        raise ValueError("a flag other than 0 or 1")
     if array.dtype.kind == "U" and array.size and array.copy().reshape(-1).view("u4").max() > sys.maxunicode:
-        raise ValueError("a letter that is none")
+        raise ValueError("an invalid character")
     return array
 
 
 def _dtype(text: str) -> np.dtype[Any]:
     if not _DTYPE.fullmatch(text):
-        raise ValueError(f"{text:.20} is no kind of number")
+        raise ValueError(f"{text:.20} is not a type of number")
     return np.dtype(text)
