@@ -1,4 +1,4 @@
-"""Pins what an action means: sizes, authority, zero is the controller alone, angles turn the short way."""
+"""Pins the meaning of actions: sizes, authority, zero is the controller alone, angles take the shorter rotation."""
 
 from dataclasses import fields
 
@@ -22,7 +22,7 @@ def residual(mode: str, action) -> Residual:
 
 
 def channel(mode: str, name: str) -> slice:
-    """Where a channel's entries are."""
+    """Slice of a channel's entries."""
     start = 0
     for part in ACTION_MODES[mode].channels:
         if part.name == name:
@@ -31,12 +31,12 @@ def channel(mode: str, name: str) -> slice:
     raise AssertionError(name)
 
 
-def test_actions_have_as_many_entries_as_promised():
+def test_actions_have_the_documented_sizes():
     sizes = {name: mode.size for name, mode in ACTION_MODES.items()}
     assert sizes == {"residual_wrench": 6, "residual_joint": 17, "residual": 23, "residual_force": 24, "direct": 40}
 
 
-def test_every_channel_says_its_authority_and_no_name_occurs_twice_in_a_mode():
+def test_every_channel_has_its_authority_and_no_name_occurs_twice_in_a_mode():
     for mode in ACTION_MODES.values():
         assert len({part.name for part in mode.channels}) == len(mode.channels)
         assert all(part.authority for part in mode.channels)
@@ -114,7 +114,7 @@ def test_direct_channels_reach_the_rotor_and_joint_of_their_number():
     assert np.flatnonzero(command.joint_position).tolist() == [9]
 
 
-def test_direct_angles_turn_the_short_way_to_the_commanded_direction():
+def test_direct_angles_take_the_shorter_rotation_to_the_commanded_direction():
     rng = np.random.default_rng(1)
     for _ in range(200):
         action, present = rng.uniform(-1, 1, 40), rng.uniform(-20, 20, (8, 2))

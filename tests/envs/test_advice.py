@@ -1,4 +1,4 @@
-"""Pins the controller's advice in `direct` flights: led by it they are the controller's own, and it can be said."""
+"""Pins the controller's advice in `direct` flights: a led flight is the controller's; the advice is an action."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ ROBOTS, TICKS, SIZE = 3, 120, 40
 
 
 def advised(options, preset="tuned"):
-    """Direct flights, and how much of an observation is not its action."""
+    """A vector of direct flights with advice, and the size of its observation without the last action."""
     vector = NativeVectorEnv(HOVER, ROBOTS, preset=preset, action_mode="direct", **options)
     vector.fleet.ask_advice()
     return vector, vector.single_observation_space.shape[0] - SIZE
@@ -38,7 +38,7 @@ def test_a_flight_that_is_led_is_the_controllers(name, preset):
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_the_advice_is_an_action_that_flies_the_same_when_it_is_said_by_somebody_else(name):
+def test_the_advice_is_an_action_that_flies_the_same_when_another_policy_commands_it(name):
     led, _ = advised(FLIGHTS[name])
     student, size = advised(FLIGHTS[name])
     led.robots["is_led"] = True
@@ -56,8 +56,8 @@ def test_the_advice_is_an_action_that_flies_the_same_when_it_is_said_by_somebody
             )  # fmt: skip
 
 
-def test_whoever_is_not_led_does_what_they_say_and_is_told_what_would_have_been_better():
-    """An unwise student: all rotors at half thrust, whatever happens, while the teacher answers the growing fall."""
+def test_a_robot_that_is_not_led_follows_its_actions_and_receives_advice():
+    """A bad policy with a constant low thrust falls, and the advised thrust grows."""
     asked, _ = advised(FLIGHTS["fast"])
     alone = NativeVectorEnv(HOVER, ROBOTS, preset="tuned", action_mode="direct", **FLIGHTS["fast"])
     asked.reset(seed=5)
@@ -76,8 +76,8 @@ def test_whoever_is_not_led_does_what_they_say_and_is_told_what_would_have_been_
     assert np.all(totals[-1] > totals[0])
 
 
-def test_what_somebody_else_does_is_not_taken_for_wind():
-    """A hand that pushes 3 N more than it is advised to is known to the observer, as a wind of 3 N would not be."""
+def test_thrust_commanded_by_a_policy_is_not_estimated_as_wind():
+    """The disturbance observer accounts for 3 N of thrust beyond the advice, unlike for 3 N of wind."""
     led, _ = advised({"forms": "paper"})
     student, _ = advised({"forms": "paper"})
     led.robots["is_led"] = True

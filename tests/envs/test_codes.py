@@ -1,4 +1,4 @@
-"""Pins words of info as numbers: those of the native vector, by which every word is found again."""
+"""Pins words of `info` as codes: those of the native vector, from which every word can be recovered."""
 
 import gymnasium
 import numpy as np
@@ -45,7 +45,7 @@ def test_a_failure_has_the_number_of_its_word():
     assert env.words["failure"][env.step(np.zeros(40))[4]["failure_code"]] == "diverged"
 
 
-def test_a_course_tells_its_phases_by_number():
+def test_a_course_reports_its_phases_as_codes():
     env, plain = Coded(gymnasium.make(COURSE)), gymnasium.make(COURSE)
     told, known = env.reset(seed=1)[1], plain.reset(seed=1)[1]
     for _ in range(4):
@@ -68,17 +68,17 @@ def test_everything_but_info_is_the_environments_and_a_spec_makes_it_again():
 
 
 class Talking(HoverEnv):
-    """An environment with words of its own."""
+    """An environment with additional words in `info`."""
 
     words = {"mood": ("calm", "cross")}
     mood = "calm"
 
     def tell(self, fleet, robot=0):
-        """As of the hover, and one word more."""
+        """The hover's `info`, and one more word."""
         return super().tell(fleet, robot) | {"mood": self.mood}
 
 
-def test_an_environment_names_words_of_its_own():
+def test_an_environment_can_have_additional_words():
     env = Coded(Talking())
     env.reset(seed=0)
     env.unwrapped.mood = "cross"

@@ -32,13 +32,13 @@ RESIDUAL_MODES = [name for name, mode in ACTION_MODES.items() if mode.residual i
 
 
 CONSTANT = {
-    # An outer rotor hangs below the inner one of its leg in every form that is flown, so it is never the upper one.
+    # An outer rotor is below the inner rotor of its leg in every flown form, so it is never the upper one.
     **{mode: {("restricted_rotors", i) for i in (1, 3, 5, 7)} for mode in RESIDUAL_MODES},
-    # No controller runs: there is nobody who restricts rotors or integrates errors.
+    # No controller runs, so no rotors are restricted and no errors integrated.
     "direct": {("restricted_rotors", i) for i in range(8)}
     | {(f"{what}_integral", i) for what in ("position", "attitude") for i in range(3)},
 }
-"""Elements of the observation that never change in the rollouts below, and why."""
+"""Elements of the observation that never change in the rollouts below, with the reason."""
 
 
 def arrays_in(*values) -> list[np.ndarray]:
@@ -58,7 +58,7 @@ def kind_of(value):
 
 @cache
 def rollouts(name, mode) -> list[list[tuple]]:
-    """Flights of random actions in every form sequence, one of them far enough to move on to the next form."""
+    """Flights of random actions in every form sequence, one of them long enough to reach the next form."""
     env = make(name, action_mode=mode, joint_speed=1.0)
     return [
         flight(env, actions_of(env, 60 if forms == "independent" else 25, seed), EARLY, {"forms": forms})
@@ -99,7 +99,7 @@ def test_episodes_that_follow_a_seeded_one_differ_from_it_and_follow_from_the_se
 
 
 def assert_nothing_shared(steps):
-    """No step's observation or info shares memory with those of the next."""
+    """Assert that no step's observation or `info` shares memory with those of the next."""
     arrays = [arrays_in(observation, info) for observation, _, _, info in steps]
     for before, after in pairwise(arrays):
         assert not any(np.shares_memory(a, b) for a in before for b in after)
@@ -120,7 +120,7 @@ def test_no_draw_of_the_randomisation_shares_memory_with_another_step():
 @pytest.mark.parametrize(
     ("name", "mode", "options"), [*((name, mode, {}) for name, mode in EVERY), (HOVER, "residual", ROUGH)], ids=named
 )
-def test_writing_into_what_was_handed_out_changes_nothing_that_follows(name, mode, options):
+def test_writing_into_returned_arrays_changes_nothing_that_follows(name, mode, options):
     env = make(name, action_mode=mode, joint_speed=1.0, **options)
     actions = actions_of(env, 10)
     expected = flight(env, actions, seed=3)
@@ -166,7 +166,7 @@ def test_every_observation_element_changes_except_those_listed_with_a_reason(nam
 @pytest.mark.parametrize("spoilt", ["qpos", "qvel", "act"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e200])
 @pytest.mark.parametrize(("name", "options"), [*((name, {}) for name in ENVIRONMENTS), (HOVER, ROUGH)], ids=named)
-def test_a_diverged_step_says_so_in_finite_numbers_and_nothing_is_printed(
+def test_a_diverged_step_is_reported_in_finite_numbers_and_nothing_is_printed(
     name, options, value, spoilt, capfd, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
@@ -182,7 +182,7 @@ def test_a_diverged_step_says_so_in_finite_numbers_and_nothing_is_printed(
     assert kind_of(info) == kind_of(before)
     for key, number in info.items():
         assert np.asarray(number).dtype.kind != "f" or np.isfinite(number).all(), key
-    # The last numbers that were ones stay.
+    # The last finite values are kept.
     for key in ("thrust", "joint_torque", "vectoring", "air_force", "power_w", "energy_wh"):
         assert same(info[key], before[key]), key
     assert all(np.isfinite(values).all() for values in (env.state.joint_position, env.state.position_w))
@@ -250,13 +250,13 @@ def test_errors_in_info_are_of_the_true_cog_and_attitude(options):
     np.testing.assert_allclose(info["position_error"], [0, 0, hover_height()] - com_w, rtol=0, atol=1e-12)
     angle = np.linalg.norm(info["attitude_error"])
     assert abs(math.cos(angle) - 0.5 * (np.trace(R_wb) - 1.0)) < 1e-9
-    # A rotation by the error brings the torso to the level: the axis stays where it is.
+    # A rotation by the error levels the torso, and does not change the axis of the error.
     np.testing.assert_allclose(R_wb @ info["attitude_error"], info["attitude_error"], rtol=0, atol=1e-12)
     x, y, z = info["attitude_error"] / angle
     assert np.dot((R_wb[2, 1] - R_wb[1, 2], R_wb[0, 2] - R_wb[2, 0], R_wb[1, 0] - R_wb[0, 1]), (x, y, z)) < 0.0
 
 
-def test_info_reports_commands_and_what_came_of_them():
+def test_info_reports_commands_and_their_effects():
     env = make(forms="form1")
     _, (*_, info) = flight(env, np.ones((1, 6)), seed=0)
     state, tick = env.state, env.controller.last_step

@@ -1,7 +1,7 @@
-"""Holds the core to the controllers in Python, state by state: commands, and all that is shown, told and rewarded.
+"""Compares the core with the Python controllers, state by state: commands, observations, `info` and rewards.
 
-Some of the states in CI; all, in minutes: `SPIDAR_STATES=10000 pytest -n0 -s tests/envs/test_controllers_agree.py`.
-The plant itself is held to a readable one in `tests/native/test_plant.py`.
+CI compares some of the states; `SPIDAR_STATES=10000 pytest -n0 -s tests/envs/test_controllers_agree.py` compares all
+in minutes. `tests/native/test_plant.py` compares the plant itself with a Python implementation.
 """
 
 import os
@@ -28,7 +28,7 @@ FLIGHT = (HoverEnv, HOVER, HoverTask.reward_terms, HoverTask.failures, 0.3)
 GROUND = (CrawlEnv, CRAWL, CrawlTask.reward_terms, CrawlTask.failures, 0.2)
 REAL: dict[str, Any] = {"randomization": 1.0, "sensors": True}
 TOLERANCE = 1e-11
-"""Of 1 or the number itself, whichever is more; what contacts amplify in a tick included."""
+"""Relative to max(1, |number|), including the amplification by contacts within a tick."""
 KINDS = {
     "flights": (*FLIGHT, {}),
     "flights of drawn robots with sensors": (*FLIGHT, {"preset": "tuned", **REAL}),
@@ -38,7 +38,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_from_the_same_state_both_controllers_lead_to_the_same_next_one(kind):
+def test_from_the_same_state_both_controllers_lead_to_the_same_next_state(kind):
     make, name, terms, failures, size, options = KINDS[kind]
     vector = NativeVectorEnv(name, 1, autoreset_mode="Disabled", **options)
     env = make(control="python", **options)
@@ -67,7 +67,7 @@ def test_from_the_same_state_both_controllers_lead_to_the_same_next_one(kind):
         for title, value in expected(info, terms, failures).items():
             look(title, value, told[title][0])
         ticks = EPISODE if terminated else ticks + 1
-        # What the next tick begins with.
+        # Both begin the next tick in the same state.
         mujoco.mj_setState(env.plant.model, env.plant.data, vector.robots[0]["plant"]["row"], STATE)
     figures = {title: (max(found), float(np.median(found))) for title, found in worst.items()}
     far = sorted(figures.items(), key=lambda item: -item[1][0])

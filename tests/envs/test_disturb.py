@@ -1,4 +1,4 @@
-"""Pins what changes in mid-episode: wind and faults in every environment, and that controllers are told of them."""
+"""Pins changes during an episode: wind and faults in every environment, and that controllers receive faults."""
 
 import numpy as np
 import pytest
@@ -11,28 +11,28 @@ from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 
 
 class Readable(HoverEnv):
-    """The hover with its task in Python."""
+    """The hover with its reference in Python."""
 
     def reference(self):
         return super().reference()
 
 
 def played(env, ticks):
-    """The last info."""
+    """Step with zero actions; return the last `info`."""
     for _ in range(ticks):
         *_, info = env.step(np.zeros(env.action_space.shape))
     return info
 
 
 @pytest.mark.parametrize("kind", [HoverEnv, Readable, PathEnv])
-def test_a_flight_loses_a_rotor_whenever_it_is_told_and_gets_it_back(kind):
+def test_a_flight_loses_a_rotor_during_an_episode_and_regains_it(kind):
     env = kind(forms="form1", perturbation=0.0)
     env.reset(seed=0)
     played(env, 20)
     env.disturb({"lost_rotor": 3})
     info = played(env, 80)
     assert info["thrust"][2] < 0.1
-    assert info["thrust_command"][2] < 0.1  # the controller knows, and does not ask for it
+    assert info["thrust_command"][2] < 0.1  # the controller received the fault
     env.disturb({})
     info = played(env, 80)
     assert info["thrust"][2] > 15.0
@@ -69,7 +69,7 @@ def test_wind_begins_on_the_ground_too(kind, options):
 
 
 @pytest.mark.parametrize("kind", [HoverEnv, Readable])
-def test_what_was_changed_holds_in_the_next_episode(kind):
+def test_changed_disturbances_hold_in_the_next_episode(kind):
     env = kind(forms="form1")
     env.reset(seed=0)
     env.disturb({"lost_rotor": 5, "fault_time": 0.0})
@@ -78,7 +78,7 @@ def test_what_was_changed_holds_in_the_next_episode(kind):
     env.close()
 
 
-def test_what_was_changed_holds_for_who_is_made_anew_at_reset():
+def test_changed_disturbances_hold_after_a_reset_that_rebuilds_the_environment():
     env = HoverEnv(forms="form1", disturbances={"wind": 1.0})
     env.reset(seed=0)
     env.disturb({"lost_rotor": 5, "fault_time": 0.0})
@@ -89,7 +89,7 @@ def test_what_was_changed_holds_for_who_is_made_anew_at_reset():
 
 
 @pytest.mark.parametrize("kind", [HoverEnv, Readable])
-def test_who_goes_on_from_a_saved_moment_goes_on_with_what_was_changed(kind):
+def test_a_restored_state_includes_changed_disturbances(kind):
     env, other = (kind(forms="form1") for _ in range(2))
     env.reset(seed=0)
     played(env, 20)
@@ -107,7 +107,7 @@ def test_who_goes_on_from_a_saved_moment_goes_on_with_what_was_changed(kind):
 
 
 @pytest.mark.parametrize("kind", [HoverEnv, Readable])
-def test_what_is_refused_changes_nothing(kind):
+def test_refused_disturbances_change_nothing(kind):
     flights = []
     for wrong in (False, True):
         env = kind(forms="form1", disturbances={"wind": 2.0})

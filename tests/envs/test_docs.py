@@ -33,11 +33,11 @@ def section(name: str, heading: str) -> str:
 
 
 def table(name: str, heading: str, below: str = "") -> list[list[str]]:
-    """Rows of the table of a section, or of its part `below` a smaller heading; cells stripped, without its head."""
+    """Rows of the table of a section, or of its subsection `below`; cells are stripped, the head is omitted."""
     first, *parts = re.split(r"^### ", section(name, heading), flags=re.MULTILINE)
     text = next(part for part in parts if part.startswith(f"{below}\n")) if below else first
     lines = [line for line in text.splitlines() if line.startswith("|")]
-    # A bar within backticks belongs to its cell.
+    # A bar within backticks is part of its cell.
     return [[cell.strip() for cell in re.split(r"\|(?=(?:[^`]*`[^`]*`)*[^`]*$)", line)[1:-1]] for line in lines[2:]]
 
 
@@ -193,7 +193,7 @@ def test_an_unknown_environment_has_no_page():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_id_for_other_processes_works_where_nobody_has_imported_the_package(name):
+def test_the_id_for_other_processes_works_without_an_import_of_the_package(name):
     assert f'gymnasium.make("{import_id(name)}")' in section(name, "Description")
     code = (
         f"import gymnasium, sys; env = gymnasium.make({import_id(name)!r}); env.reset(); print(env.unwrapped.spec.name)"

@@ -1,4 +1,4 @@
-"""Pins how long an episode is: one argument is enough, success is judged at its end, the spec tells the truth."""
+"""Pins the length of an episode: one argument is enough, success is evaluated at its end, the spec agrees."""
 
 import copy
 import json
@@ -23,20 +23,20 @@ ENDS = [
     ({"horizon_s": 40.0, "max_episode_steps": 800}, 800),
     ({"horizon_s": 40.0, "max_episode_steps": -1}, None),
 ]
-"""Arguments of `gymnasium.make`, and after how many steps an episode ends."""
+"""Arguments of `gymnasium.make`, and the steps of an episode."""
 
 
 def again(env):
-    """The environment of a spec that was written down."""
+    """The environment of a spec that was written as JSON."""
     return gymnasium.make(EnvSpec.from_json(json.dumps(json.loads(env.spec.to_json()))))
 
 
 @pytest.mark.parametrize(("arguments", "steps"), ENDS)
 @pytest.mark.parametrize("name", ENVIRONMENTS)
-def test_the_spec_tells_after_how_many_steps_an_episode_ends_also_when_it_was_written_down(name, arguments, steps):
+def test_the_spec_has_the_steps_of_an_episode_also_after_serialisation(name, arguments, steps):
     if not arguments:
         steps = ENVIRONMENTS[name].horizon
-    one = {"hold": 1} if arguments and name == COURSE else {}  # a step as long as the others'
+    one = {"hold": 1} if arguments and name == COURSE else {}  # steps as long as those of the other environments
     env = gymnasium.make(name, **arguments, **one)
     for made in (env, again(env), again(again(env)), gymnasium.make(env.spec)):
         assert made.spec.max_episode_steps == steps
@@ -52,7 +52,7 @@ def test_the_spec_tells_after_how_many_steps_an_episode_ends_also_when_it_was_wr
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("written", [False, True])
-def test_an_episode_ends_after_the_shorter_of_what_is_given_and_there_alone_is_a_success(arguments, written):
+def test_an_episode_ends_after_the_shorter_limit_and_only_there_is_a_success(arguments, written):
     env = gymnasium.make(HOVER, forms="form1", **arguments)
     env = again(env) if written else env
     env.reset(seed=0)
@@ -71,11 +71,11 @@ def test_a_horizon_beyond_the_registered_one_is_flown_to_its_end():
 
 
 @pytest.mark.parametrize("copied", [lambda spec: spec, copy.deepcopy, lambda spec: pickle.loads(pickle.dumps(spec))])
-def test_another_end_than_that_of_a_spec_is_where_success_is_judged(copied):
+def test_success_is_evaluated_at_an_end_that_replaces_that_of_the_spec(copied):
     spec = copied(gymnasium.make(HOVER, forms="form1", perturbation=0.0, max_episode_steps=20).spec)
     for steps in (10, 30, -1):
         env = gymnasium.make(spec, max_episode_steps=steps)
-        for options in ({}, {"joint_speed": 0.4}):  # the second makes the environment anew
+        for options in ({}, {"joint_speed": 0.4}):  # the second rebuilds the environment
             env.reset(seed=0, options=options)
             ends = [env.step(np.zeros(6)) for _ in range(30)]
             assert [truncated for *_, truncated, _ in ends] == [k >= steps > 0 for k in range(1, 31)]

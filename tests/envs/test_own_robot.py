@@ -1,4 +1,4 @@
-"""Flies and crawls robots of one's own: by core and by Python alike, one and many, beside the nominal one; refusals."""
+"""Flies and crawls custom robots: core and Python alike, single and in vectors, beside the nominal one; refusals."""
 
 import copy
 import importlib.util
@@ -23,7 +23,7 @@ FLIGHT = {"forms": "independent", "joint_speed": 0.6}
 
 
 def played(name, ticks, *, action=None, seed=3, **arguments):
-    """Observations (ticks + 1, n), and the last info."""
+    """Observations (ticks + 1, n), and the last `info`."""
     env = gymnasium.make(name, **arguments)
     observation, info = env.reset(seed=seed)
     rng, rows = np.random.default_rng(0), [observation]
@@ -42,7 +42,7 @@ def played(name, ticks, *, action=None, seed=3, **arguments):
 
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("env_id", [HOVER, PATH, CRAWL])
-def test_core_and_python_command_a_robot_of_ones_own_alike(env_id, name):
+def test_core_and_python_command_a_custom_robot_alike(env_id, name):
     arguments = FLIGHT if env_id != CRAWL else {"distance": 0.3}
     one, two = (
         played(env_id, 80, action=0.5, robot=ROBOTS[name], sensors=True, control=control, **arguments)[0]
@@ -65,7 +65,7 @@ def test_every_kind_of_action_reaches_the_robots_own_limits(action_mode, control
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_robot_of_ones_own_hovers_where_its_feet_clear_the_floor(name):
+def test_a_custom_robot_hovers_where_its_feet_clear_the_floor(name):
     robot = ROBOTS[name]
     env = gymnasium.make(HOVER, forms="form3", perturbation=0.0, horizon_s=2.0, robot=robot).unwrapped
     env.reset(seed=0)
@@ -74,7 +74,7 @@ def test_a_robot_of_ones_own_hovers_where_its_feet_clear_the_floor(name):
         assert not terminated
     assert env.reference().position_w[2] == hover_height(robot) != hover_height()
     assert np.linalg.norm(info["position_error"]) < 0.02
-    assert info["thrust_command"].sum() == pytest.approx(robot.weight, rel=0.15)  # some of it is lost to jets
+    assert info["thrust_command"].sum() == pytest.approx(robot.weight, rel=0.15)  # jets reduce some of it
     assert env.plant.model.body_mass.sum() == pytest.approx(robot.total_mass)
     assert env.controller.model.robot is robot
 
@@ -86,7 +86,7 @@ def test_the_nominal_robot_by_another_name_flies_bit_for_bit():
 
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
 @pytest.mark.parametrize("strength", [0.0, 0.7])
-def test_many_are_as_one_by_one_bit_for_bit(env_id, strength):
+def test_vectors_equal_single_environments_bit_for_bit(env_id, strength):
     arguments = {"robot": LONG, "randomization": strength, "wake": True}
     vector = gymnasium.make_vec(env_id, 3, **arguments)
     rows = [vector.reset(seed=[5, 6, 7])[0]]
@@ -115,12 +115,12 @@ def test_a_robot_comes_from_a_file_too_and_stays_when_that_changes(tmp_path):
     env = gymnasium.make(HOVER, robot=str(path))
     path.write_text("max_thrust = 60.0\n", encoding="utf-8")
     assert env.unwrapped.robot == LONG
-    env.reset(seed=0, options={"randomization": 0.5})  # it is made anew
+    env.reset(seed=0, options={"randomization": 0.5})  # rebuilds the environment
     assert env.unwrapped.robot == LONG
     assert gymnasium.make_vec(HOVER, 2, robot=str(path))._single.robot == RobotSpec(max_thrust=60.0)
 
 
-def test_draws_are_as_wide_round_a_robot_of_ones_own():
+def test_the_randomisation_is_as_wide_about_a_custom_robot():
     strong = RobotSpec(described_mass=20.0, max_thrust=84.0)
     masses, thrusts = [], []
     for seed in range(40):
@@ -133,7 +133,7 @@ def test_draws_are_as_wide_round_a_robot_of_ones_own():
     assert 2.0 * 31.8 <= min(thrusts) < max(thrusts) <= 2.0 * 42.0
 
 
-def test_a_plant_of_ones_own_is_of_the_robot_that_it_says():
+def test_a_custom_plant_has_the_robot_of_its_configuration():
     slow = PlantConfig.of(LONG)
     slow = PlantConfig(
         joint_speed=slow.joint_speed, body=slow.body, actuators=ActuatorConfig(thrust_lag=0.06), robot=LONG
@@ -145,7 +145,7 @@ def test_a_plant_of_ones_own_is_of_the_robot_that_it_says():
         assert env.plant.config.body.total_mass == LONG.total_mass
 
 
-def test_a_controller_of_ones_own_gets_the_robots_limits_and_legs():
+def test_a_custom_controller_configuration_gets_the_robots_limits_and_legs():
     flight = gymnasium.make(HOVER, robot=OTHER, controller=controller_config("tuned")).unwrapped.controller.config
     assert flight.joint_torque_limit == OTHER.max_joint_torque
     assert flight.interference.torso_radius == OTHER.torso_radius
@@ -175,7 +175,7 @@ def test_copies_and_saved_states_are_of_the_same_robot(control):
         nominal.restore_state(env.save_state())
 
 
-def test_saved_robots_of_a_vector_go_on_as_the_same_robot_only():
+def test_saved_robots_of_a_vector_are_restored_as_the_same_robot_only():
     long, nominal = (gymnasium.make_vec(HOVER, 2, robot=robot) for robot in (LONG, ROBOT))
     long.reset(seed=0)
     nominal.reset(seed=0)
@@ -197,13 +197,13 @@ def test_saved_robots_of_a_vector_go_on_as_the_same_robot_only():
     ],
 )
 @pytest.mark.parametrize("make", [gymnasium.make, lambda name, **options: gymnasium.make_vec(name, 2, **options)])
-def test_what_is_no_robot_is_refused_in_one_line(make, arguments, kind, words):
+def test_invalid_robots_are_refused_in_one_line(make, arguments, kind, words):
     with pytest.raises(kind, match=words) as refusal:
         make(HOVER, **arguments)
     assert "\n" not in str(refusal.value)
 
 
-def test_legs_that_do_not_reach_what_a_preset_asks_are_refused_by_the_crawl_alone():
+def test_legs_too_short_for_a_preset_are_refused_by_the_crawl_alone():
     short = RobotSpec(pitch_to_foot=0.12, roll_axis_x=0.08, outer_battery=(0.1, 0.0, -0.039))
     gymnasium.make(HOVER, robot=short)
     with pytest.raises(InvalidValueError, match="a pose whose feet reach the floor"):
@@ -231,7 +231,7 @@ def test_the_guides_example_compares_both():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_robot_of_ones_own_flies_and_crawls_to_the_end(name):
+def test_a_custom_robot_flies_and_crawls_to_the_end(name):
     _, info = played(HOVER, 800, robot=ROBOTS[name], preset="tuned")
     assert info["is_success"]
     env = gymnasium.make(CRAWL, robot=ROBOTS[name])

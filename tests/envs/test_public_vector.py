@@ -1,4 +1,4 @@
-"""Holds the native vector to Gymnasium's own over the whole public surface, with a list of what differs on purpose."""
+"""Compares the native vector's whole public interface with Gymnasium's vector; lists all intended differences."""
 
 import gymnasium
 import numpy as np
@@ -22,12 +22,12 @@ LACKING = {
     "copy": "every array that is handed out is a copy",
     "observation_mode": "likewise: observations are of one kind",
 }
-"""What Gymnasium's own vector has and the native one has not."""
+"""Attributes of Gymnasium's vector that the native vector lacks."""
 ADDED = {
     "advance", "buffers", "ended", "fleet", "is_closed", "layout", "restore", "robots", "save", "set_autoreset_mode",
     "sight", "task", "turn",
 }  # fmt: skip
-"""What the native vector has besides."""
+"""Additional attributes of the native vector."""
 OTHERWISE = {
     "np_random": "copies: what is drawn of them moves no robot's; Gymnasium's are the environments' own",
     "np_random_seed": "−1 before the first reset, and where nothing seeds",
@@ -36,9 +36,9 @@ OTHERWISE = {
     "spec": "no kwargs of the sync vector",
     "unwrapped": "itself",
 }
-"""What both have, and what is not the same in it."""
+"""Common attributes that differ, and how."""
 ACTIONS = {"reset", "step", "render", "close", "close_extras"}
-"""Functions: what they do is held to each other below."""
+"""Methods whose effects are compared below."""
 
 
 def both(name, robots=2, mode=AutoresetMode.NEXT_STEP, **options):
@@ -53,7 +53,7 @@ def public(vector):
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("name", IDS)
-def test_every_public_attribute_is_that_of_gymnasiums_own_vector_or_in_a_list(name, mode):
+def test_every_public_attribute_equals_that_of_gymnasiums_vector_or_is_listed(name, mode):
     native, own = both(name, mode=mode)
     goals = {"compute_reward", "compute_terminated", "compute_truncated"}
     for began in (False, True):
@@ -74,7 +74,7 @@ def test_every_public_attribute_is_that_of_gymnasiums_own_vector_or_in_a_list(na
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("name", IDS)
-def test_it_steps_past_the_ends_of_episodes_as_gymnasiums_own(name, mode):
+def test_it_steps_past_the_ends_of_episodes_as_gymnasiums_vector_does(name, mode):
     own_options = {"hold": 1} if name == COURSE else {}
     native, own = both(name, mode=mode, max_episode_steps=2, **own_options)
     for vector in (native, own):
@@ -83,7 +83,7 @@ def test_it_steps_past_the_ends_of_episodes_as_gymnasiums_own(name, mode):
     for k in range(5):
         if mode is AutoresetMode.DISABLED and k in (2, 4):
             moment = native.save()
-            native.step(actions)  # the deliberate difference: it goes on
+            native.step(actions)  # the intended difference: the native vector accepts another step
             native.restore(moment)
             with pytest.raises(AssertionError):
                 own.step(actions)
@@ -115,7 +115,7 @@ def test_info_has_the_keys_and_numbers_of_the_single_environment(name, drawn):
     native.close()
 
 
-def test_what_was_drawn_of_an_episode_is_told_at_its_end_and_of_those_alone_that_are_drawn():
+def test_info_has_the_randomisation_of_an_ended_episode_and_of_randomised_robots_only():
     native, own = both(HOVER, mode=AutoresetMode.SAME_STEP, max_episode_steps=2, randomization=1.0)
     for vector in (native, own):
         vector.reset(seed=4)
@@ -151,7 +151,7 @@ class Standing(HoverTask):
         return np.ones(len(robots), bool)
 
 
-def test_info_names_the_terms_of_a_task_that_a_reset_gives():
+def test_info_has_the_terms_of_a_task_set_by_reset():
     native = gymnasium.make_vec(HOVER, 2)
     assert "reward_position" in native.reset(seed=0)[1]
     _, told = native.reset(options={"task": Standing})
@@ -161,7 +161,7 @@ def test_info_names_the_terms_of_a_task_that_a_reset_gives():
     native.close()
 
 
-def test_a_mode_that_is_chosen_later_leaves_what_is_saved_as_it_is():
+def test_a_mode_that_is_set_later_does_not_change_the_saved_bytes():
     chosen = gymnasium.make_vec(HOVER, 2, task=Standing)
     chosen.set_autoreset_mode("SameStep")
     given = gymnasium.make_vec(HOVER, 2, task=Standing, autoreset_mode="SameStep")
@@ -201,7 +201,7 @@ def test_recordings_play_in_real_time(name, hold):
 
 @pytest.mark.parametrize("mode", ["rgb_array", "depth_array"])
 @pytest.mark.parametrize("name", IDS)
-def test_the_same_state_is_the_same_picture_to_the_byte_whatever_was_drawn_before(name, mode):
+def test_the_same_state_gives_the_same_picture_to_the_byte_after_any_other_pictures(name, mode):
     options = {"render_mode": mode, "width": 96, "height": 72}
     one, many = gymnasium.make(name, **options), gymnasium.make_vec(name, 2, **options)
     one.reset(seed=0)

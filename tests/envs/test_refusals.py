@@ -1,4 +1,4 @@
-"""Pins what is refused: arguments, ids, actions, options, disturbances, model files; each with what would be valid."""
+"""Pins refusals of arguments, ids, actions, options, disturbances, model files; each states what would be valid."""
 
 import math
 import pickle
@@ -43,7 +43,7 @@ from spidar_gym.tasks.hover import HoverTask
         *(({name: v}, InvalidValueError, "pixels within 1") for name in ("width", "height") for v in (0, -4, 5000)),
     ],
 )  # fmt: skip
-@pytest.mark.filterwarnings("ignore:.*render_mode='rgb':UserWarning")  # gymnasium's own remark, before our error
+@pytest.mark.filterwarnings("ignore:.*render_mode='rgb':UserWarning")  # a warning of gymnasium before our error
 def test_an_argument_that_is_not_valid_is_refused_with_what_would_be(options, kind, valid):
     with pytest.raises(kind, match=valid) as refusal:
         gymnasium.make(HOVER, **options)
@@ -62,7 +62,7 @@ def test_an_argument_that_is_not_valid_is_refused_with_what_would_be(options, ki
         ("horizn", "horizon_s"),
     ],
 )
-def test_an_unknown_argument_gets_the_list_of_all_that_there_are_and_the_one_that_was_meant(name, wrong, meant):
+def test_an_unknown_argument_is_refused_with_all_valid_ones_and_the_closest(name, wrong, meant):
     with pytest.raises(UnknownNameError) as refusal:
         gymnasium.make(name, **{wrong: 1.0})
     valid, guess = str(refusal.value).partition("valid: ")[2].split("; ")
@@ -84,7 +84,7 @@ def test_an_unknown_argument_is_a_type_error_in_pythons_words_and_a_value_error_
     assert isinstance(refusal.value, ValueError)
     assert isinstance(refusal.value, UnknownNameError)
     message = str(refusal.value)
-    # Clients look for these words to learn what an environment takes: TorchRL for `frameskip`, Gymnasium for others.
+    # Clients search for these words to find supported arguments: TorchRL for `frameskip`, Gymnasium for others.
     assert message.startswith("got an unexpected keyword argument 'frameskip'; valid: ")
     assert "joint_speed" in message
     assert "\n" not in message
@@ -133,7 +133,7 @@ REFUSED = [
 
 @pytest.mark.parametrize("options", REFUSED, ids=range(len(REFUSED)))
 def test_a_refused_reset_leaves_the_episode_and_all_that_follow_as_they_were(options, monkeypatch):
-    # Users have no type checker, which would refuse on its own.
+    # Users have no type checker, which would refuse first.
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     zero, flights = np.zeros((3, 6)), []
     for asked in (False, True):
@@ -142,7 +142,7 @@ def test_a_refused_reset_leaves_the_episode_and_all_that_follow_as_they_were(opt
         if asked:
             with pytest.raises(SpidarError):
                 env.reset(seed=99, options=options)
-        # The episode goes on, and the next one comes of the generator where it was.
+        # The episode continues, and the next one draws from the unchanged generator.
         begun += [(o, r, t, i) for o, r, t, _, i in (env.step(action) for action in zero)]
         flights.append(begun + flight(env, zero) + flight(env, zero, seed=4))
     assert_same(*flights)
@@ -165,9 +165,7 @@ STORMS = [
 
 
 @pytest.mark.parametrize(("disturbances", "kind", "valid"), STORMS)
-def test_a_disturbance_that_cannot_be_is_refused_by_make_and_by_reset_which_keeps_the_old_ones(
-    disturbances, kind, valid
-):
+def test_an_invalid_disturbance_is_refused_by_make_and_by_reset_which_keeps_the_old_ones(disturbances, kind, valid):
     with pytest.raises(kind, match=valid):
         gymnasium.make(HOVER, disturbances=disturbances)
     env = make(disturbances={"wind": 2.0})
@@ -184,7 +182,7 @@ def test_sensors_with_negative_noise_are_refused(name, value):
         make(plant=PlantConfig(sensors=SensorConfig(**{name: value})), sensors=True)
 
 
-def test_what_needs_a_reset_says_so():
+def test_calls_before_a_reset_are_refused():
     env = make()
     for act in (lambda: env.step(np.zeros(6)), lambda: env.state, lambda: env.reference()):
         with pytest.raises(SpidarError, match="reset"):

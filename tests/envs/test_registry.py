@@ -1,4 +1,4 @@
-"""Pins the registered environments: specs that survive being written down, and vectors that fly like single ones."""
+"""Pins the registered environments: specs that survive serialisation, and vectors that fly like single ones."""
 
 import copy
 import json
@@ -18,7 +18,7 @@ from spidar_gym.envs.vector import KINDS
 
 
 def row_of(info, i):
-    """One environment's share of the infos of several."""
+    """The `info` of environment `i` from that of a vector."""
     if isinstance(info, dict):
         return {key: row_of(value, i) for key, value in info.items() if not key.startswith("_")}
     return info[i]
@@ -51,7 +51,7 @@ def test_vector_environments_in_one_process_and_in_several_fly_like_single_ones(
 
 @pytest.mark.parametrize("through", ["json", "pickle", "deepcopy"])
 @pytest.mark.parametrize("options", [{}, ROUGH], ids=["plain", "rough"])
-def test_a_spec_survives_being_written_down_and_makes_the_same_environment(options, through):
+def test_a_spec_survives_serialisation_and_makes_the_same_environment(options, through):
     options = {"action_mode": "residual", "forms": "independent", "joint_speed": 0.5, **options}
     env = gymnasium.make(HOVER, **options, max_episode_steps=77)
     again = {
@@ -78,7 +78,7 @@ def test_importing_the_package_registers_every_environment_under_its_horizon():
     ["spidar_gym, gymnasium", "gymnasium, spidar_gym", "spidar_gym.control, gymnasium.spaces",
      "spidar_gym.envs.registry, gymnasium", "spidar_gym.envs.vector, gymnasium"],
 )  # fmt: skip
-def test_whichever_is_imported_first_gymnasium_knows_every_environment(imports):
+def test_every_environment_is_registered_for_any_order_of_imports(imports):
     code = f"import {imports}; print(*(name for name in gymnasium.registry if name.startswith('spidar_gym/')))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == list(ENVIRONMENTS)
@@ -94,11 +94,11 @@ LOOKS = {
     "an import that fails": "sys.modules['gymnasium.core'] = None\ntry:\n    import gymnasium\n"
     "except ImportError:\n    [sys.modules.pop(n) for n in [*sys.modules] if n.startswith('gymnasium')]",
 }
-"""What may happen before Gymnasium is imported."""
+"""Events before the import of Gymnasium."""
 
 
 @pytest.mark.parametrize("first", LOOKS)
-def test_what_happens_before_gymnasium_is_imported_uses_no_registration_up(first):
+def test_no_event_before_the_import_of_gymnasium_prevents_the_registration(first):
     code = (
         f"import concurrent.futures, importlib.util, sys, spidar_gym\n{LOOKS[first]}\nimport gymnasium\n"
         "print(*(name for name in gymnasium.registry if name.startswith('spidar_gym/')))\n"
@@ -120,14 +120,14 @@ def test_without_gymnasium_its_import_fails_as_always_and_the_package_works():
 
 @pytest.mark.parametrize("control", ["core", "python", "vector"])
 @pytest.mark.parametrize("name", ["Hover-v0", "Path-v0", "Crawl-v0", "Course-v0"])
-def test_a_reward_term_that_is_added_to_a_page_works_everywhere_at_once(monkeypatch, name, control):
-    """The guide's recipe for a reward term, followed to the letter: one file is edited."""
+def test_a_reward_term_added_to_a_task_works_in_all_environments(monkeypatch, name, control):
+    """The guide's recipe for a reward term, which edits one file."""
     kind = KINDS[f"spidar_gym/{name}"].task_type
     page = next(each for each in kind.__mro__ if "terms" in vars(each))
     own = page.terms
     weights = {term: (0.9 * weight, text) for term, (weight, text) in page.reward_terms.items()}
     monkeypatch.setattr(page, "reward_terms", {**weights, "calm": (0.1, "1 / (1 + P / 1000 W)")})
-    calmness = lambda robots: {"calm": 1.0 / (1.0 + robots.power / 1e3)}  # noqa: E731 - as a page has it
+    calmness = lambda robots: {"calm": 1.0 / (1.0 + robots.power / 1e3)}  # noqa: E731 - as in a task's file
     monkeypatch.setattr(page, "terms", lambda task, robots: own(task, robots) | calmness(robots))
     if control == "vector":
         vector = gymnasium.make_vec(f"spidar_gym/{name}", num_envs=2)

@@ -1,4 +1,4 @@
-"""Pins threads, forks and ends: calls take turns, a forked child has threads, what is closed ends in one line."""
+"""Pins threads, forks and closing: calls take turns, a forked child has threads, closed environments refuse calls."""
 
 import inspect
 import os
@@ -24,7 +24,7 @@ CONFIGURED = {
     "np_random", "np_random_seed", "spec", "horizon", "reset_arguments", "rules", "layout_of", "judge", "tell",
     "robots", "buffers", "close_extras", "is_drawn", "make_fleet", "variant", "is_over",
 }  # fmt: skip
-"""What a closed environment still answers: what it was made of, and Gymnasium's own bookkeeping."""
+"""Attributes that a closed environment still has: its configuration, and Gymnasium's bookkeeping."""
 ARGUMENTS = {
     "step": lambda env: (np.zeros(env.action_space.shape),),
     "advance": lambda env: (np.zeros(env.action_space.shape),),
@@ -59,7 +59,7 @@ def calls(env):
 @pytest.mark.parametrize("began", [True, False])
 @pytest.mark.parametrize("control", ["core", "python", "vector"])
 @pytest.mark.parametrize("name", IDS)
-def test_what_is_closed_ends_in_the_same_line_whatever_is_called(name, control, began):
+def test_every_call_on_a_closed_environment_is_refused_with_the_same_line(name, control, began):
     make = (lambda: NativeVectorEnv(name, 2, render_mode="rgb_array")) if control == "vector" else (
         lambda: single(name, control=control, render_mode="rgb_array")
     )  # fmt: skip
@@ -78,7 +78,7 @@ def test_what_is_closed_ends_in_the_same_line_whatever_is_called(name, control, 
 
 
 def alongside(work, others, seconds=0.6):
-    """Do `work` in a loop on a thread while this one does others; what it raised in the end, if anything."""
+    """Call `work` in a loop on a thread while this thread calls `others`; the loop ends with its first error."""
     raised, stop = [], threading.Event()
 
     def loop():
@@ -101,7 +101,7 @@ def alongside(work, others, seconds=0.6):
 
 @pytest.mark.parametrize("robots", [0, 3])
 @pytest.mark.parametrize("name", IDS)
-def test_threads_take_turns_whatever_they_call(name, robots):
+def test_threads_take_turns_in_all_calls(name, robots):
     env = NativeVectorEnv(name, robots, num_threads=2) if robots else single(name)
     env.reset(seed=0)
     actions = np.zeros(env.action_space.shape)
@@ -152,13 +152,13 @@ print("done", flush=True)
 
 @pytest.mark.parametrize("stepping", [False, True], ids=["idle", "while another thread steps"])
 @pytest.mark.parametrize("name", [HOVER, CRAWL])
-def test_a_forked_child_flies_on_with_threads_of_its_own(name, stepping):
+def test_a_forked_child_continues_with_its_own_threads(name, stepping):
     program = FORK.format(name=name, stepping=stepping)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=100, check=False)
     assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr
 
 
-def test_a_fork_waits_for_a_call_that_goes_on_and_leaves_no_lock_behind():
+def test_a_fork_waits_for_a_running_call_and_leaves_no_lock_behind():
     turn, entered, leave = Turn(), threading.Event(), threading.Event()
 
     def hold():
@@ -171,7 +171,7 @@ def test_a_fork_waits_for_a_call_that_goes_on_and_leaves_no_lock_behind():
     entered.wait()
     child = os.fork()
     if not child:
-        with turn.lock:  # its holder does not exist here
+        with turn.lock:  # the thread that holds it does not exist in the child
             os._exit(7)
     leave.set()
     thread.join()
@@ -184,7 +184,7 @@ def test_a_fork_waits_for_a_call_that_goes_on_and_leaves_no_lock_behind():
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 8
 
 
-def test_a_forked_child_says_that_opengl_of_its_parent_is_lost():
+def test_a_forked_child_reports_that_its_parents_opengl_context_is_lost():
     program = (
         "import os, gymnasium, spidar_gym\n"
         "env = gymnasium.make('spidar_gym/Hover-v0', render_mode='rgb_array', width=32, height=24)\n"

@@ -1,4 +1,4 @@
-"""Pins the native vector: the flights and crawls of the readable environments, whatever the company and the threads."""
+"""Pins the native vector: flights and crawls as with Python controllers, for any other robots and threads."""
 
 from typing import Any
 
@@ -27,11 +27,11 @@ CRAWLS = {
     "alone": {"action_mode": "direct"},
 }
 SEEDS = {"a slope of tiles": 1}
-"""Others than 7: there a foot comes to stand on an edge, and 1e-15 become 1e-6 in one tick."""
+"""Seeds other than 7, with which a foot lands on an edge and 1e-15 grow to 1e-6 in one tick."""
 
 
 def compare(kind, name, options, ticks, size, tolerance, seed=7):
-    """Fly or crawl side by side with the readable environment; the largest difference of each thing."""
+    """Step beside the environment with a Python controller; assert that every difference is within the tolerance."""
     env, vector = kind(control="python", **options), NativeVectorEnv(name, 1, **options)
     (first, info), (seen, told) = env.reset(seed=seed), vector.reset(seed=seed)
     rng, worst, reward = np.random.default_rng(8), {}, 0.0
@@ -52,7 +52,7 @@ def compare(kind, name, options, ticks, size, tolerance, seed=7):
             look(title, value, told[title][0])
         if info["failure"]:
             break
-        # Single precision, as agents give it; some of it out of range.
+        # Single precision, as from agents; some entries are out of range.
         action = rng.normal(0.0, size, env.action_space.shape).astype(np.float32)
         first, reward, terminated, _, info = env.step(action)
         seen, rewards, ended, _, told = vector.step(action[None])
@@ -65,26 +65,26 @@ def compare(kind, name, options, ticks, size, tolerance, seed=7):
 
 
 @pytest.mark.parametrize("case", FLIGHTS)
-def test_a_flight_is_that_of_the_readable_environment(case):
+def test_a_flight_is_that_of_the_python_controller(case):
     size = 0.05 if case == "alone" else 0.4
     compare(HoverEnv, HOVER, FLIGHTS[case], 60, size, 1e-9)
 
 
 @pytest.mark.parametrize("case", CRAWLS)
-def test_a_crawl_is_that_of_the_readable_environment(case):
-    # Contacts amplify what the last bits of sums are: the air's and the sensors' run in another order.
+def test_a_crawl_is_that_of_the_python_controller(case):
+    # Contacts amplify rounding: the sums of air and sensors are computed in another order.
     compare(CrawlEnv, CRAWL, CRAWLS[case], 50, 0.2, 1e-8, SEEDS.get(case, 7))
 
 
 def content(record):
-    """Bytes of a record without those between its members."""
+    """Bytes of a record without padding."""
     if record.dtype.names is None:
         return record.tobytes()
     return b"".join(content(record[name]) for name in record.dtype.names)
 
 
 def trace(name, robots, threads, ticks, seeds=None, **options):
-    """Records of all robots after some ticks of the same actions for the same seeds."""
+    """Records of all robots, by seed, after some ticks; the actions follow from the seeds."""
     vector = NativeVectorEnv(name, robots, num_threads=threads, **options)
     seeds: list[int | None] = list(range(robots)) if seeds is None else seeds
     vector.reset(seed=seeds)
@@ -105,7 +105,7 @@ def trace(name, robots, threads, ticks, seeds=None, **options):
         (COURSE, {"action_mode": "direct", **DRAWN}),
     ],
 )  # fmt: skip
-def test_bits_do_not_depend_on_company_threads_or_order(name, options):
+def test_bits_do_not_depend_on_other_robots_threads_or_order(name, options):
     whole = trace(name, 9, 1, 30, **options)
     for other in (
         trace(name, 9, 3, 30, **options),
@@ -115,7 +115,7 @@ def test_bits_do_not_depend_on_company_threads_or_order(name, options):
         assert {s: bits == whole[s] for s, bits in other.items()} == dict.fromkeys(other, True)
 
 
-def test_the_three_ways_of_beginning_anew_visit_the_same_episodes():
+def test_the_three_autoreset_modes_visit_the_same_episodes():
     options = {"forms": "form1", "action_mode": "direct", "max_episode_steps": 25}
     rng = np.random.default_rng(3)
     actions = np.concatenate([rng.uniform(-0.4, 0.2, (200, 3, 8)), rng.normal(0.0, 0.1, (200, 3, 32))], axis=2)
@@ -153,7 +153,7 @@ def test_the_three_ways_of_beginning_anew_visit_the_same_episodes():
     assert episodes[AutoresetMode.NEXT_STEP] == episodes[AutoresetMode.SAME_STEP] == episodes[AutoresetMode.DISABLED]
 
 
-def test_a_robot_that_fails_or_diverges_moves_nobody_else():
+def test_a_robot_that_fails_or_diverges_affects_no_other_robot():
     options: dict[str, Any] = {"autoreset_mode": AutoresetMode.DISABLED, "forms": "form1", "action_mode": "direct"}
     quiet = trace(HOVER, 3, 1, 20, **options)
     vector = NativeVectorEnv(HOVER, 3, **options)
@@ -162,7 +162,7 @@ def test_a_robot_that_fails_or_diverges_moves_nobody_else():
     for tick in range(20):
         if tick == 5:
             row = vector.robots["plant"]["row"]
-            row[1, 1 + 39 : 1 + 39 + 38] = 1e30  # of MuJoCo's state the velocities, behind time and positions
+            row[1, 1 + 39 : 1 + 39 + 38] = 1e30  # the velocities in MuJoCo's state, after time and positions
         seen, rewards, terminated, _, info = vector.step(np.array([a[tick] for a in actions]))
         if tick == 5:
             assert terminated[1]
@@ -194,7 +194,7 @@ def test_seeds_are_those_of_gymnasiums_own_vectors():
         (lambda env: env.reset(options={"reset_mask": np.ones(3)}), "3 flags"),
     ],
 )
-def test_what_does_not_fit_is_refused_and_nothing_moves(call, words):
+def test_invalid_arguments_are_refused_and_nothing_moves(call, words):
     env = NativeVectorEnv(HOVER, 3)
     env.reset(seed=1)
     env.step(np.zeros((3, 6)))
@@ -205,7 +205,7 @@ def test_what_does_not_fit_is_refused_and_nothing_moves(call, words):
     env.close()
 
 
-def test_what_cannot_be_built_is_refused():
+def test_invalid_vectors_are_refused():
     with pytest.raises(UnknownNameError, match="Hover-v0"):
         NativeVectorEnv("spidar_gym/Swim-v0", 2)
     bad: dict[str, Any]

@@ -1,4 +1,4 @@
-"""Pins copies and pickles of a vector: they go on beside it bit for bit, and neither moves the other."""
+"""Pins copies and pickles of a vector: they continue bit for bit like the original, and neither affects the other."""
 
 import copy
 import pickle
@@ -24,10 +24,10 @@ MODES = ("NextStep", "SameStep", "Disabled")
 
 @dataclass(frozen=True)
 class Circles(HoverTask):
-    """A task with a memory, draws and a setting of its own."""
+    """A task with memory, random numbers and an option."""
 
     rate: float = 1.5
-    """Of the circles [rad/s]."""
+    """Angular frequency of the motion [rad/s]."""
 
     memory = (("radius", "f8"), ("gone", "f8", (2,)))
     reward_terms = {"position": (0.7, "1 / (1 + (‖position error‖ / 0.05 m)²)"), "radius": (0.3, "r")}
@@ -50,7 +50,7 @@ class Circles(HoverTask):
 
 
 class Wanders(CrawlTask):
-    """A crawl's task with a memory."""
+    """A crawl task with memory."""
 
     memory = (("asked", "f8"),)
 
@@ -65,11 +65,11 @@ OWN = [
 ]
 MANY = [pytest.param(name, task, mode, marks=pytest.mark.slow)
         for (name, task), mode in zip(OWN, (*MODES, *MODES), strict=True)]  # fmt: skip
-"""Each mode twice."""
+"""Each mode occurs twice."""
 
 
 def vector(name: str, robots: int, mode: str, *, own: bool = False, **options: Any) -> Any:
-    """One whose episodes end after 40 steps."""
+    """A vector with episodes of 40 steps."""
     asked: dict[str, Any] = {"max_episode_steps": 40, **ROUGH, **HARDEST[name], **options}
     if own:
         asked["task"] = copy.deepcopy(TASKS[name])
@@ -81,7 +81,7 @@ def actions_for(env: Any, ticks: int, seed: int = 0) -> np.ndarray:
 
 
 def taken(env: Any, actions: np.ndarray) -> list[Any]:
-    """What a step gives; the reset of those whose episode it ended, where they do not begin anew by themselves."""
+    """Results of a step and, in the mode Disabled, of the reset of robots whose episode ended."""
     found = [env.step(actions)]
     over = found[0][2] | found[0][3]
     if env.metadata["autoreset_mode"] is gymnasium.vector.AutoresetMode.DISABLED and over.any():
@@ -94,7 +94,7 @@ def went(env: Any, actions: np.ndarray) -> list[Any]:
 
 
 def side_by_side(envs: list[Any], actions: np.ndarray) -> None:
-    """Vectors that are stepped in turns do the same."""
+    """Assert that vectors stepped in turn return the same."""
     for tick, each in enumerate(actions):
         first, *others = [taken(env, each) for env in envs]
         assert [same(first, other) for other in others] == [True] * len(others), tick
@@ -103,7 +103,7 @@ def side_by_side(envs: list[Any], actions: np.ndarray) -> None:
 
 
 def content(record: np.ndarray) -> bytes:
-    """Bytes of a record without those between its members."""
+    """Bytes of a record without padding."""
     if record.dtype.names is None:
         return record.tobytes()
     return b"".join(content(record[name]) for name in record.dtype.names)
@@ -111,9 +111,9 @@ def content(record: np.ndarray) -> bytes:
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(("name", "own"), OWN)
-def test_copies_of_one_robot_go_on_beside_it_bit_for_bit_in_every_mode(name, own, mode):
+def test_copies_of_a_vector_continue_bit_for_bit_in_every_mode(name, own, mode):
     env = vector(name, 1, mode, own=own)
-    early = copied(env)  # of one that was never reset
+    early = copied(env)  # a copy of a vector that was never reset
     for each in (env, early):
         each.reset(seed=3)
         went(each, actions_for(each, 20, seed=1))
@@ -121,10 +121,10 @@ def test_copies_of_one_robot_go_on_beside_it_bit_for_bit_in_every_mode(name, own
 
 
 @pytest.mark.parametrize(("name", "own", "mode"), MANY)
-def test_robots_on_two_threads_go_on_copied_pickled_and_restored_bit_for_bit(name, own, mode):
+def test_copies_pickles_and_restored_robots_on_two_threads_continue_bit_for_bit(name, own, mode):
     options = {"own": own, "num_threads": 2, "max_episode_steps": 50}
     if name == CRAWL:
-        options["steps"] = 0.0  # to be laid on tiles takes each of them 70 ms
+        options["steps"] = 0.0  # a reset on tiles takes 70 ms for each robot
     env, other = (vector(name, 9, mode, **options) for _ in range(2))
     for each in (env, other):
         each.reset(seed=3)
@@ -164,7 +164,7 @@ def test_the_arrays_of_a_copy_show_its_own_robots():
     assert (other.buffers["observations"] != before[1]["observations"]).any()
 
 
-def test_a_copy_takes_along_who_is_led_and_what_was_given_to_one_robot():
+def test_a_copy_has_the_led_robots_and_the_options_of_each_robot():
     env: Any = NativeVectorEnv(HOVER, 2, action_mode="direct")
     env.fleet.ask_advice()
     winds = [{"wind": 1.0}, {"lost_rotor": 2, "fault_time": 0.3}]
@@ -179,7 +179,7 @@ def test_a_copy_takes_along_who_is_led_and_what_was_given_to_one_robot():
 
 
 @pytest.mark.parametrize("given", [None, "robots", 3])
-def test_what_is_no_bytes_is_no_saved_robot(given, monkeypatch):
+def test_only_bytes_are_accepted_as_saved_robots(given, monkeypatch):
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     env = NativeVectorEnv(HOVER, 1)
     env.reset(seed=0)
@@ -194,7 +194,7 @@ def test_a_pickle_of_64_robots_has_a_tenth_of_a_megabyte_each():
 
 
 @pytest.mark.parametrize("clone", [copied, pickled])
-def test_a_vector_whose_robots_are_asked_each_for_something_else_is_copied_too(clone):
+def test_a_vector_with_options_for_each_robot_is_copied_too(clone):
     vector: Any = gymnasium.make_vec(HOVER, num_envs=3, autoreset_mode="SameStep")
     given = {
         "joint_speed": [0.2, 0.4, 0.6],

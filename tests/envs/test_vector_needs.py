@@ -1,4 +1,4 @@
-"""Pins what a flight in the engine needs: neither SciPy nor OSQP, and of Pinocchio nothing once its robots are made."""
+"""Pins the needs of a flight in the engine: no SciPy, no OSQP, and no Pinocchio after the robots are made."""
 
 import subprocess
 import sys
@@ -20,7 +20,7 @@ class Nothing:
         return Nothing()
 
     def __call__(self, *words, **named):
-        raise RuntimeError("the readable controllers' packages are used")
+        raise RuntimeError("a package of the Python controllers is used")
 
 
 class Stub(ModuleType):
@@ -70,5 +70,5 @@ def flown(env_id, how):
 
 
 @pytest.mark.parametrize("name", ["Hover", "Crawl"])
-def test_robots_fly_and_crawl_to_the_bit_without_the_packages_of_the_readable_controllers(name):
+def test_robots_fly_and_crawl_to_the_bit_without_the_packages_of_the_python_controllers(name):
     assert flown(f"spidar_gym/{name}-v0", "poisoned") == flown(f"spidar_gym/{name}-v0", "as it is")

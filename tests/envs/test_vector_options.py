@@ -1,4 +1,4 @@
-"""Pins how Gymnasium makes a native vector, and what its reset takes: masks, seeds, values of each robot's own."""
+"""Pins how Gymnasium makes a native vector, and the arguments of reset: masks, seeds, values for each robot."""
 
 import copy
 import json
@@ -39,7 +39,7 @@ def test_gymnasium_makes_the_native_vector(name, mode):
     assert env.spec.id == name
     assert env.spec.max_episode_steps == ENVIRONMENTS[name].horizon
     assert env.num_envs == 3
-    # Where Gymnasium's own vectors say it, and in their attribute, which TorchRL reads.
+    # In the metadata, as in Gymnasium's vectors, and as an attribute, which TorchRL reads.
     assert env.metadata["autoreset_mode"] is env.autoreset_mode is AutoresetMode.SAME_STEP
     single = gymnasium.make(name)
     assert env.single_observation_space == single.observation_space
@@ -57,7 +57,7 @@ def test_gymnasium_makes_the_native_vector(name, mode):
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("through", ["json", "pickle", "deepcopy"])
-def test_a_vectors_spec_tells_when_its_episodes_end_and_makes_it_again(arguments, steps, through):
+def test_a_vectors_spec_has_the_steps_of_its_episodes_and_makes_it_again(arguments, steps, through):
     env = make(num_envs=2, **QUICK, **arguments)
     for _ in range(2):
         assert env.spec is not None
@@ -76,7 +76,7 @@ def test_a_vectors_spec_tells_when_its_episodes_end_and_makes_it_again(arguments
 @pytest.mark.parametrize(
     "arguments", [{"max_episode_steps": 6}, {"horizon_s": 0.15}, {"horizon_s": 0.15, "max_episode_steps": 800}]
 )
-def test_its_episodes_end_there_and_are_judged_there(arguments):
+def test_its_episodes_end_and_are_evaluated_there(arguments):
     arguments = {**QUICK, "perturbation": 0.0, **arguments}
     env = make(**arguments)
     env.reset(seed=0)
@@ -93,7 +93,7 @@ def test_its_episodes_end_there_and_are_judged_there(arguments):
 
 
 def masks(info, names):
-    """Who tells what, of a vector's info; names that only one of two vectors has are left out."""
+    """Masks of a vector's `info`: the robots for which each name has a value."""
     found = {}
     for name in names:
         found[name] = info[f"_{name}"].tolist() if f"_{name}" in info else None
@@ -104,7 +104,7 @@ def masks(info, names):
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
-def test_info_lies_as_in_gymnasiums_own_vector(mode):
+def test_info_has_the_layout_of_gymnasiums_vector(mode):
     options = {**QUICK, "action_mode": "direct", "max_episode_steps": 12}
     native = make(num_envs=3, autoreset_mode=mode, **options)
     own = make(HOVER, 3, "sync", vector_kwargs={"autoreset_mode": mode}, **options)
@@ -183,7 +183,7 @@ def test_every_robot_has_its_own_disturbances_forms_and_start():
                 assert rewards[k] == pytest.approx(reward, abs=1e-9)
 
     fly(20)
-    # What a robot was given stays until it is given something else, and the masks leave the others alone.
+    # A robot keeps its options until they are replaced, and a masked reset leaves the other robots alone.
     mask = np.array([True, False, False, True])
     env.reset(options={"reset_mask": mask, "forms": "form2", "disturbances": {"push": 5.0}})
     for k in np.flatnonzero(mask):
@@ -196,7 +196,7 @@ def test_every_robot_has_its_own_disturbances_forms_and_start():
     env.close()
 
 
-def test_a_start_may_have_more_forms_than_an_episode_has_otherwise():
+def test_a_start_may_have_more_forms_than_a_sampled_episode():
     env = make(num_envs=2, horizon_s=1.0, wake=False)
     env.reset(seed=0)
     q = FORMS["form1"].tolist()
@@ -240,7 +240,7 @@ def test_a_reset_that_is_refused_changes_nothing(case):
     env.close()
 
 
-def test_a_crawl_has_no_forms_and_what_cannot_be_made_is_refused_in_one_line():
+def test_a_crawl_has_no_forms_and_invalid_arguments_are_refused_in_one_line():
     env = make(CRAWL, 2)
     with pytest.raises(UnknownNameError, match="valid: reset_mask, disturbances"):
         env.reset(options={"forms": "form1"})

@@ -1,4 +1,4 @@
-"""Pins a vector's single robots: pictures over their own floor, and bytes that go on in another place or process."""
+"""Pins single robots of a vector: pictures with their floors, and saved robots that continue in other places."""
 
 import hashlib
 import subprocess
@@ -30,7 +30,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def trace(env, ids, seeds, ticks):
-    """What robots show over some ticks, the others doing anything."""
+    """Results of some robots over some ticks, while the other robots receive random actions."""
     size = env.single_action_space.shape[0]
     generators = {k: np.random.default_rng(s) for k, s in zip(ids, seeds, strict=True)}
     actions = np.zeros((env.num_envs, size))
@@ -47,14 +47,14 @@ def trace(env, ids, seeds, ticks):
 
 
 def content(record):
-    """Bytes of a record without those between its members."""
+    """Bytes of a record without padding."""
     if record.dtype.names is None:
         return record.tobytes()
     return b"".join(content(record[name]) for name in record.dtype.names)
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_restored_robot_goes_on_bit_for_bit_in_another_place_of_another_vector(case):
+def test_a_restored_robot_continues_bit_for_bit_in_another_place_of_another_vector(case):
     name, options = CASES[case]
     first = NativeVectorEnv(name, 3, max_episode_steps=30, **options)
     first.reset(seed=5)
@@ -62,7 +62,7 @@ def test_a_restored_robot_goes_on_bit_for_bit_in_another_place_of_another_vector
     before = first.robots.tobytes()
     saved = first.save([0, 2])
     assert first.robots.tobytes() == before
-    # Beyond the end of the episode: a saved robot also begins the same next one.
+    # Beyond the end of the episode: a restored robot also begins the same next episode.
     expected = trace(first, [0, 2], [3, 4], 26)
     other = NativeVectorEnv(name, 5, num_threads=2, max_episode_steps=30, **options)
     other.reset(seed=50)
@@ -72,7 +72,7 @@ def test_a_restored_robot_goes_on_bit_for_bit_in_another_place_of_another_vector
     assert seen[4] in other.single_observation_space
     assert np.array_equal(trace(other, [4, 1], [3, 4], 26), expected)
     assert [content(other.robots[k]) for k in (4, 1)] == [content(first.robots[k]) for k in (0, 2)]
-    # And into the vector that it came from, at another time.
+    # Restore into the original vector too, at a later time.
     first.restore(saved, [0, 2])
     assert np.array_equal(trace(first, [0, 2], [3, 4], 26), expected)
     first.close()
@@ -101,7 +101,7 @@ print(hashlib.sha256(b"".join(shown)).hexdigest())
 """
 
 
-def test_a_restored_robot_goes_on_bit_for_bit_in_another_process(tmp_path: Path):
+def test_a_restored_robot_continues_bit_for_bit_in_another_process(tmp_path: Path):
     options = {"preset": "tuned", "randomization": 1.0, "sensors": True}
     env = NativeVectorEnv(HOVER, 2, **options)
     env.reset(seed=1)
@@ -129,7 +129,7 @@ def test_a_start_with_many_forms_is_saved_with_the_robot():
     other.close()
 
 
-def test_what_does_not_fit_is_refused_in_one_line_and_nothing_changes():
+def test_invalid_saved_robots_are_refused_in_one_line_and_nothing_changes():
     env = NativeVectorEnv(HOVER, 3)
     with pytest.raises(SpidarError, match="call reset"):
         env.save()
@@ -168,7 +168,7 @@ def test_what_does_not_fit_is_refused_in_one_line_and_nothing_changes():
 
 
 @pytest.mark.parametrize("mode", ["rgb_array", "depth_array"])
-def test_any_robot_is_drawn_over_its_own_floor(mode):
+def test_every_robot_is_rendered_with_its_floor(mode):
     options = {"steps": 0.03, "preset": "robust", "render_mode": mode, "width": 160, "height": 120}
     env: Any = NativeVectorEnv(CRAWL, 3, **options)
     with pytest.raises(SpidarError, match="call reset"):
@@ -181,7 +181,7 @@ def test_any_robot_is_drawn_over_its_own_floor(mode):
     assert not np.array_equal(pictures[0], pictures[1])
     again = env.render([2, 0])
     assert [np.array_equal(*pair) for pair in zip(again, (pictures[2], pictures[0]), strict=True)] == [True, True]
-    # The same picture as of the environment alone.
+    # The picture equals that of the single environment.
     single: Any = type(env._single)(control="core", **options)
     single.reset(seed=1)
     assert np.array_equal(single.render(), pictures[1])
@@ -200,7 +200,7 @@ def test_a_window_shows_a_single_robot_and_without_a_mode_there_is_no_picture():
 
 
 class Odd:
-    """No number, and rude about it."""
+    """An object whose conversion to an array raises."""
 
     def __array__(self, *_, **__):
         raise KeyError("no")
@@ -212,8 +212,8 @@ NO_ROBOTS = [
 ]  # fmt: skip
 
 
-def test_what_are_no_numbers_of_robots_is_refused_in_a_line_in_every_call(monkeypatch):
-    """Some of them were bare exceptions; `advance` handed them to MuJoCo, which ended the process."""
+def test_invalid_numbers_of_robots_are_refused_in_one_line_in_every_call(monkeypatch):
+    """Some of these once raised other exceptions; `advance` passed them to MuJoCo, which ended the process."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # users have no type checker
     env: Any = NativeVectorEnv(HOVER, 2, render_mode="rgb_array")
     env.reset(seed=0)

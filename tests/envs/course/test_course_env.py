@@ -1,4 +1,4 @@
-"""Pins Course-v0: what is drawn, that the rule gets through, that engine and readable environment are one, failures."""
+"""Pins Course-v0: random courses, success of the rule, equal results of engine and Python controller, failures."""
 
 import re
 from typing import Any
@@ -27,7 +27,7 @@ def make(**options):
 
 
 def go(env, steps=600, until=True, target=None):
-    """Follow the rule, or always the same target; info of the end."""
+    """Follow the rule, or a constant target; return the last `info`."""
     info = {}
     for _ in range(steps):
         aim = env.rule() if target is None else target
@@ -38,10 +38,10 @@ def go(env, steps=600, until=True, target=None):
     return info
 
 
-# ---- what is drawn ----
+# ---- random courses ----
 
 
-def test_drawn_courses_are_ones_that_can_be_gone_and_have_every_kind():
+def test_random_courses_are_feasible_and_have_every_kind_of_gate():
     task, kinds = CourseTask(), set()
     for seed in range(300):
         course = task.draw_course(np.random.default_rng(seed))
@@ -54,7 +54,7 @@ def test_drawn_courses_are_ones_that_can_be_gone_and_have_every_kind():
     assert kinds == {*SIZES}
 
 
-def test_boxes_span_the_field_and_leave_what_the_map_says():
+def test_boxes_span_the_field_and_leave_the_openings_of_the_map():
     course = Course((Gate("beam", 3.0, 3.4, 0.6), Gate("slot", 7.0, 7.3, 1.4, 0.5)), Pose2(10.0))
     beam, right, left, _ = boxes(course)
     assert beam[2] - beam[5] == pytest.approx(0.6)
@@ -81,7 +81,7 @@ def test_a_task_draws_the_course_that_its_environment_does():
         assert env.course == CourseTask().draw_course(np.random.Generator(np.random.PCG64(seed)))
 
 
-def test_a_given_course_is_gone_and_reads_back_from_lists():
+def test_a_given_course_is_used_and_can_be_read_from_lists():
     env = make()
     env.reset(seed=0, options={"course": plain_course(SHORT)})
     assert env.course == SHORT
@@ -90,11 +90,11 @@ def test_a_given_course_is_gone_and_reads_back_from_lists():
     assert make(course=plain_course(SHORT)).task.course == SHORT
 
 
-# ---- both ways of moving ----
+# ---- flying and crawling ----
 
 
 def assert_alike(options, steps):
-    """Engine and readable environment, step by step."""
+    """Compare engine and Python controller step by step; return the last `info`."""
     one, other = make(**options), make(control="python", **options)
     (a, _), (b, info) = one.reset(seed=5), other.reset(seed=5)
     np.testing.assert_array_equal(a, b)
@@ -113,18 +113,18 @@ def assert_alike(options, steps):
     return told
 
 
-def test_engine_and_readable_environment_are_one_at_take_off():
+def test_engine_and_python_controller_agree_at_take_off():
     assert assert_alike({"course": SHORT, **DRAWN}, 8)["phase"] == "climb"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{"course": SHORT, **DRAWN}, {"gates": ("beam",), "count": (1, 1)}])
-def test_engine_and_readable_environment_are_one_on_whole_courses(options):
+def test_engine_and_python_controller_agree_on_whole_courses(options):
     assert assert_alike(options, 400)["is_success"]
 
 
 @pytest.mark.parametrize("mode", ["residual", "direct"])
-def test_engine_and_readable_environment_are_one_in_every_mode(mode):
+def test_engine_and_python_controller_agree_in_every_mode(mode):
     one, other = (make(control=control, action_mode=mode, course=SHORT) for control in ("core", "python"))
     one.reset(seed=2)
     other.reset(seed=2)
@@ -153,7 +153,7 @@ def test_the_rule_takes_off_passes_a_slot_lands_on_tiles_and_crawls_to_the_goal(
 
 
 @pytest.mark.slow
-def test_the_rule_gets_through_drawn_courses():
+def test_the_rule_succeeds_on_random_courses():
     env = make(**DRAWN)
     ends = []
     for seed in range(10):
@@ -186,7 +186,7 @@ def test_a_step_is_as_many_control_periods_as_it_holds():
     assert long.state.time == pytest.approx(3.0)
 
 
-def test_robots_side_by_side_are_those_one_by_one():
+def test_robots_of_a_vector_equal_single_ones():
     vector = NativeVectorEnv(COURSE, 2, num_threads=2, **DRAWN)
     observations, _ = vector.reset(seed=3)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 2, 8))
@@ -200,10 +200,10 @@ def test_robots_side_by_side_are_those_one_by_one():
     assert vector.robots["course"]["count"].tolist() == [len(env.course.gates) for env in alone]
 
 
-# ---- how it ends ----
+# ---- ends of episodes ----
 
 
-def test_who_flies_into_a_wall_has_hit_it():
+def test_flying_into_a_wall_is_a_hit():
     env = make(course=Course((Gate("wall", 2.5, 2.7, 1.5),), Pose2(5.5)))
     env.reset(seed=0)
     info = go(env, 60, target=Target(True, 5.0, 0.0, 0.8, speed=1.0, narrow=1.0))

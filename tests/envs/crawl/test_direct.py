@@ -1,4 +1,4 @@
-"""Pins when a crawl without a gait is finished: at rest at the goal, whoever commands."""
+"""Pins when a crawl without a gait is finished: at rest at the goal, with either controller."""
 
 from functools import cache
 from typing import Any
@@ -14,7 +14,7 @@ from spidar_gym.tasks.crawl import REST_TIME
 SHORT = {"distance": 0.15, "direction": 0.0, "turn": 0.0, "schedule": "overlapped", "joint_speed": 0.4}
 """One quick cycle."""
 AT_HAND = {"distance": 0.005, "direction": 0.0, "turn": 0.0}
-"""A goal so near that the robot lies at it."""
+"""A goal within the tolerance of the start."""
 REST_TICKS = round(REST_TIME * 40)
 
 
@@ -24,7 +24,7 @@ def make(**options) -> Any:
 
 @cache
 def classical():
-    """The quick cycle and a rest after it: actions of `direct` with its commands, and the time that it took [s]."""
+    """The quick cycle and a rest: its commands as actions of `direct`, and its duration [s]."""
     env, actions, rest, seconds = make(**SHORT), [], 2 * REST_TICKS, 0.0
     env.reset(seed=0)
     while rest:
@@ -38,7 +38,7 @@ def classical():
 
 
 def lying(env):
-    """The action with which a robot goes on lying: rotors off, joints where they are."""
+    """The action with which a robot stays on the floor: rotors off, joints held."""
     return np.concatenate([-np.ones(8), np.zeros(16), env.state.joint_position / ROBOT.joint_limit])
 
 
@@ -91,7 +91,7 @@ def test_rotors_that_carry_and_legs_that_move_are_no_rest():
         ("is elsewhere", {"qpos": (0, -0.011)}),
     ],
 )  # fmt: skip
-def test_each_thing_that_does_not_rest_begins_the_time_anew(what, change):
+def test_each_motion_or_lift_restarts_the_time_at_rest(what, change):
     env = make(**AT_HAND, action_mode="direct")
     env.reset(seed=0)
     rest = lying(env)
@@ -105,7 +105,7 @@ def test_each_thing_that_does_not_rest_begins_the_time_anew(what, change):
         if name in change:
             at, by = change[name]
             getattr(env.plant.data, name)[at] += by
-    for _ in range(4 if "joint" in change else 1):  # a servo moves on with the next tick
+    for _ in range(4 if "joint" in change else 1):  # a servo needs some ticks to move
         env.step(action)
     assert env.progress.rested == 0, what
     assert not env.progress.finished, what

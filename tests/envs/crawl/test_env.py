@@ -117,11 +117,11 @@ def test_observation_elements_that_never_change_are_those_with_a_reason():
     observations = np.array([o for o, *_ in crawl(env, random_policy(env))])
     names = [(f.name, i) for f in crawl_layout(env.action_space.shape[0]) for i in range(f.size)]
     still = {names[k] for k in np.flatnonzero(np.ptp(observations, axis=0) < 1e-6)}
-    # A single cycle of a schedule without waits neither holds nor spools nor settles.
+    # A single cycle of a schedule without waits has no phases hold, spool and settle.
     assert still <= {("phase", PHASES.index(name)) for name in ("hold", "spool", "settle")}
 
 
-def test_metrics_agree_with_what_the_steps_say():
+def test_metrics_agree_with_the_infos_of_the_steps():
     env = make(**SHORT)
     steps = crawl(env)
     info = steps[-1][3]
@@ -148,7 +148,7 @@ def test_the_robot_lies_on_its_pegs_before_and_after():
     assert last["thrust_fraction"] == 0.0
 
 
-def test_goals_are_drawn_from_the_seed_and_a_quarter_are_the_papers():
+def test_goals_are_sampled_from_the_seed_and_a_quarter_are_the_papers():
     task = CrawlTask()
     ways = [task.draw_way(np.random.Generator(np.random.PCG64(seed))) for seed in range(400)]
     paper = [way for way in ways if way == Pose2(0.6, 0.0, 0.0)]
@@ -160,7 +160,7 @@ def test_goals_are_drawn_from_the_seed_and_a_quarter_are_the_papers():
     assert task.draw_way(np.random.Generator(np.random.PCG64(3))) == ways[3]
 
 
-def test_given_numbers_fix_the_goal_and_the_others_stay_drawn():
+def test_given_numbers_fix_the_goal_and_the_others_stay_random():
     rng = [np.random.Generator(np.random.PCG64(7)) for _ in range(2)]
     free, fixed = CrawlTask().draw_way(rng[0]), CrawlTask(direction=math.pi / 2).draw_way(rng[1])
     assert abs(fixed.x) < 1e-12
@@ -225,7 +225,7 @@ def test_a_robot_that_drags_its_legs_is_no_success():
 def test_a_duct_on_the_floor_ends_the_episode():
     env = make(**SHORT)
     env.reset(seed=0)
-    # Legs flat and a module turned on its side, which puts one of its ducts into the floor.
+    # Flat legs and a module on its side, so that one of its ducts touches the floor.
     angles = np.zeros((8, 2))
     angles[3, 0] = math.pi / 2
     env.plant.reset(np.array([0.0, 0.0, ROBOT.peg_depth]), joint_position=np.zeros(16), vectoring=angles)
@@ -265,7 +265,7 @@ def test_the_floor_of_an_uneven_episode_follows_from_the_seed():
     assert np.array_equal(first, env.plant.config.ground.tiles)
 
 
-def test_stairs_are_across_the_way_and_every_other_floor_of_mixed_steps_has_them():
+def test_stairs_are_across_the_x_axis_and_half_of_the_floors_of_mixed_steps_have_them():
     env = make(**SHORT, steps=0.04, terrain="mixed")
     floors, home = [], make(**SHORT).controller.config.gait.home_b
     for seed in range(40):
@@ -342,14 +342,14 @@ def test_an_argument_that_is_not_valid_is_refused_with_what_would_be(options, ki
         ({"horizon_s": 1e10}, r"within 0.025 … 1e\+09 \[s\]"),
     ],
 )
-def test_ways_that_lead_astray_and_horizons_without_end_are_refused_before_anything_is_planned(options, valid):
+def test_turns_with_large_detours_and_endless_horizons_are_refused_before_planning(options, valid):
     with pytest.raises(InvalidValueError, match=valid):
         make(**options)
 
 
 @pytest.mark.parametrize("distance", [0.0, 0.3, 2.0])
 @pytest.mark.parametrize("turn", [0.4, 3.0, 3.3, 3.7, 4.0])
-def test_an_arc_leads_as_far_astray_as_its_points_are_farther_from_its_end_than_its_start(distance, turn):
+def test_the_detour_of_an_arc_is_the_largest_distance_of_its_points_beyond_that_of_its_start(distance, turn):
     way = Pose2(distance, 0.0, turn)
     rests = []
     for share in np.linspace(0.0, 1.0, 2001).tolist():
@@ -365,7 +365,7 @@ def test_a_planned_friction_of_the_pegs_that_would_tip_the_torso_is_refused():
         CrawlerConfig(peg_friction=1.2)
 
 
-def test_a_goal_in_an_obstacle_is_refused_and_a_drawn_one_is_drawn_again():
+def test_a_given_goal_in_an_obstacle_is_refused_and_a_random_one_is_drawn_again():
     block = ((0.6, 0.0, 0.2),)
     with pytest.raises(InvalidValueError, match=r"obstacles = .*0\.3 m from each of them; .* at \(0\.6, 0\)"):
         make(distance=0.6, direction=0.0, obstacles=block).reset(seed=0)
@@ -384,7 +384,7 @@ def test_an_unknown_reset_option_is_refused():
 
 
 def test_the_searched_crawler_is_at_its_joint_speed_four_fifths_of_the_time():
-    """What other rates and forces could save: the rest of the time at most."""
+    """Other rates and forces could save at most the rest of the time."""
     env = make(preset="robust_overlapped", control="python", distance=0.6, turn=0.0)
     env.reset(seed=0)
     crawler = env.controller
@@ -396,7 +396,7 @@ def test_the_searched_crawler_is_at_its_joint_speed_four_fifths_of_the_time():
     assert 0.76 < fast / ticks < 0.9
 
 
-def test_a_law_of_ones_own_crawls_and_what_is_none_is_refused(monkeypatch):
+def test_a_custom_control_law_crawls_and_invalid_ones_are_refused(monkeypatch):
     class Slow(Crawler):
         def step(self, state, residual=NO_RESIDUAL):
             return super().step(state, replace(residual, joint_speed_scale=0.5))

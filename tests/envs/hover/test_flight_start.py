@@ -1,4 +1,4 @@
-"""Pins the start of a flight that is given instead of drawn: taken as it is, kept until withdrawn, or refused."""
+"""Pins given starts of a flight: used unchanged, kept until withdrawn, or refused."""
 
 import json
 import math
@@ -22,7 +22,7 @@ START = {
     "position": [0.02, -0.01, 0.03], "rotation": [0.03, -0.02, 0.01], "trim": None,
 }  # fmt: skip
 PULL = np.array([0.0, 0.0, 8.0, 0.0, 0.0, 0.0])
-"""More than a law asks for [N, Nm]."""
+"""Wrench added to that of a control law [N, Nm]."""
 PLAIN = {**START, "position": [0.0] * 3, "rotation": [0.0] * 3}
 
 
@@ -44,24 +44,24 @@ def integrals(env):
     return np.concatenate((found.position_w, found.attitude))
 
 
-# Taken as it is
+# Used unchanged
 
 
-def test_the_robot_begins_where_it_is_told_in_the_first_form():
+def test_the_robot_begins_at_the_given_pose_in_the_first_form():
     env = made()
     reference = begun(env, PLAIN).state.position_w.copy()
     assert env.state.quat_wb.tolist() == [1.0, 0.0, 0.0, 0.0]
-    # Off its place without a turn: just by the offset.
+    # Without a rotation the torso is displaced by the offset alone.
     moved = begun(env, {**PLAIN, "position": START["position"]}).state.position_w
     assert moved - reference == pytest.approx(START["position"], abs=1e-12)
     begun(env, START)
     assert env.state.quat_wb == pytest.approx(matrix_to_quat(exp(np.array(START["rotation"]))), abs=1e-12)
     assert env.state.joint_position.tolist() == Q[1]
-    # The CoG's offset is the given one, whatever the attitude.
+    # The offset of the CoG is the given one for any attitude.
     assert -env.truth.error.position_w == pytest.approx(START["position"], abs=1e-9)
 
 
-def test_the_schedule_is_the_given_one_and_is_gone_through():
+def test_the_given_schedule_is_followed():
     env = begun(made(), START)
     assert schedule(env) == START["goals"]
     current = []
@@ -72,7 +72,7 @@ def test_the_schedule_is_the_given_one_and_is_gone_through():
     assert current[19] == 1, "0.5 s are 20 ticks"
     assert current[78] == 1
     assert current[79] == 2
-    assert env.progress.overdue() == {1}, "nobody moves through form ② in a quarter of a second"
+    assert env.progress.overdue() == {1}, "the move cannot finish in a quarter of a second"
 
 
 def test_a_start_from_a_file_is_the_same_as_one_made_of_its_parts():
@@ -160,8 +160,8 @@ def test_a_refused_start_leaves_the_one_before():
     ids=range(17),
 )  # fmt: skip
 @pytest.mark.parametrize("checked", [True, False])
-def test_what_is_no_start_is_refused_with_what_one_is_made_of(start, checked, monkeypatch):
-    # Users have no type checker, which would refuse wrong shapes on its own.
+def test_an_invalid_start_is_refused_with_the_parts_of_a_valid_one(start, checked, monkeypatch):
+    # Users have no type checker, which would refuse wrong shapes first.
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", not checked)
     with pytest.raises(InvalidValueError) as refusal:
         begun(made(), start)
@@ -194,7 +194,7 @@ def test_the_options_of_a_reset_are_named_where_one_does_not_exist():
         made().reset(options={"begin": START})
 
 
-# What a benchmark needs besides
+# Forms, allocators and control laws
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -207,7 +207,7 @@ def test_narrow_forms_restrict_the_inner_rotors_at_least(seed):
     assert info["restricted_rotors"][::2].all()
 
 
-def test_an_allocator_of_ones_own_is_asked_at_every_tick():
+def test_a_custom_allocator_is_called_at_every_tick():
     asked = []
 
     class Mine(Allocator):
@@ -224,7 +224,7 @@ def test_an_allocator_of_ones_own_is_asked_at_every_tick():
     assert env.controller.allocator.config.max_iter == 77
 
 
-def test_what_an_allocator_of_ones_own_answers_is_what_is_flown():
+def test_the_forces_of_a_custom_allocator_are_commanded():
     class Half(Allocator):
         def allocate(self, demand, mode, previous_l, guess=None):
             f = 0.5 * super().allocate(demand, mode, previous_l, guess).forces_l.reshape(-1)
@@ -237,7 +237,7 @@ def test_what_an_allocator_of_ones_own_answers_is_what_is_flown():
     assert thrust[1] == pytest.approx(0.5 * thrust[0], rel=1e-6)
 
 
-def test_a_law_of_ones_own_asks_and_the_allocation_answers():
+def test_the_wrench_of_a_custom_control_law_is_allocated():
     class Heavier(FlightController):
         def compute_wrench(self, state, reference, control_state, joints):
             wrench, *remembered = super().compute_wrench(state, reference, control_state, joints)
@@ -249,9 +249,9 @@ def test_a_law_of_ones_own_asks_and_the_allocation_answers():
     assert steps[1]["thrust_command"].sum() > steps[0]["thrust_command"].sum()
 
 
-def test_a_law_that_changes_nothing_flies_as_the_papers_does_and_is_told_what_comes():
+def test_an_unchanged_control_law_flies_as_the_papers_does_and_has_a_preview():
     class Same(FlightController):
-        """The paper's."""
+        """The paper's control law, unchanged."""
 
     flights, ahead = [], []
     for how in ({"law": Same}, {"control": "python"}):
@@ -266,13 +266,13 @@ def test_a_law_that_changes_nothing_flies_as_the_papers_does_and_is_told_what_co
 
 
 @pytest.mark.parametrize("control", ["core", "python"])
-def test_a_robot_begins_as_fast_as_it_is_said_to(control):
+def test_a_robot_begins_with_the_given_velocities(control):
     start = {**PLAIN, "rotation": [0.1, -0.2, 0.3], "velocity": [0.4, -0.3, 0.2], "omega": [0.5, 0.2, -0.7]}
     env = begun(made(control=control), start)
     error = env.truth.error
     assert -error.velocity_w == pytest.approx(start["velocity"], abs=1e-6)
     assert -error.omega_b == pytest.approx(start["omega"], abs=1e-9)
-    # Half a tick later it is there where these lead, but for what the rotors have done meanwhile.
+    # After one tick it has moved by these velocities, except for the effect of the rotors.
     before = env.truth.error.position_w.copy()
     env.step(np.zeros(6))
     moved = before - env.truth.error.position_w
@@ -281,7 +281,7 @@ def test_a_robot_begins_as_fast_as_it_is_said_to(control):
     assert np.abs(env.truth.error.velocity_w).max() < 1e-12
 
 
-def test_what_moves_from_the_start_on_is_the_same_in_a_vector():
+def test_a_start_with_velocities_is_the_same_in_a_vector():
     start = {**PLAIN, "velocity": [0.4, -0.3, 0.2], "omega": [0.5, 0.2, -0.7]}
     vector = gymnasium.make_vec(HOVER, num_envs=2).unwrapped
     observations, _ = vector.reset(seed=0, options={"start": [None, start]})

@@ -30,11 +30,11 @@ CONDITIONS = {
     "no wake": {"wake": False},
     "all at once": {**ROUGH, "disturbances": {**ROUGH["disturbances"], "lost_rotor": 4, "fault_time": 0.3}},
 }
-"""What can be switched on or off, by name."""
+"""Conditions that can be switched on or off, by name."""
 
 
 USABLE_WH = 0.85 * 8 * 22.2 * 3.0
-"""Energy that is flown of eight packs of 22.2 V and 3 Ah [Wh]."""
+"""Usable energy of eight packs of 22.2 V and 3 Ah [Wh]."""
 
 
 @pytest.mark.parametrize(("forms", "speed", "ticks"), [("form2", 0.2, 240), ("paper", 0.8, 260)])
@@ -70,7 +70,7 @@ def test_every_condition_makes_a_difference_to_the_flight_but_not_to_where_it_st
     actions = np.zeros((20, 6))
     a, b = flight(plain, actions, seed=PUSHED), flight(other, actions, seed=PUSHED)
     assert not np.array_equal(a[-1][3]["position_error"], b[-1][3]["position_error"])
-    if condition not in ("randomization", "all at once"):  # these draw from the generator first, but after the forms
+    if condition not in ("randomization", "all at once"):  # these draw random numbers between the forms and the offset
         assert np.array_equal(a[0][3]["position_error"], b[0][3]["position_error"])
     for first, second in zip(plain.progress.goals, other.progress.goals, strict=True):
         assert (first.start, first.deadline) == (second.start, second.deadline)
@@ -78,7 +78,7 @@ def test_every_condition_makes_a_difference_to_the_flight_but_not_to_where_it_st
 
 
 @pytest.mark.parametrize("condition", ["sensors", "wind", "push", "lost rotor"])
-def test_what_the_weather_and_the_sensors_draw_changes_no_later_episode(condition):
+def test_random_numbers_of_weather_and_sensors_change_no_later_episode(condition):
     plain, other = make(), make(**CONDITIONS[condition])
     for env, ticks in ((plain, 3), (other, 20)):
         flight(env, np.zeros((ticks, 6)), seed=PUSHED)
@@ -97,7 +97,7 @@ def test_disturbances_of_a_reset_last_until_the_next_ones_and_leave_nothing_behi
     assert not np.array_equal(calm[-1][0], stormy[-1][0])
 
 
-def test_gymnasiums_checker_finds_nothing_to_warn_of_in_the_roughest_conditions():
+def test_gymnasiums_checker_gives_no_warning_in_the_roughest_conditions():
     check_env(make(**ROUGH), skip_render_check=True)
 
 
@@ -118,7 +118,7 @@ def test_there_is_air_by_default_and_none_where_it_is_switched_off():
 
 
 def seen_and_true_errors(**options) -> np.ndarray:
-    """Position errors in torso axes over a second, the policy's and the true ones, (2, 41, 3)."""
+    """Observed and true position errors in torso axes over a second, (2, 41, 3)."""
     env, rows = make(forms="form1", perturbation=0.0, **options), []
     observation, info = env.reset(seed=0)
     for k in range(41):
@@ -132,7 +132,7 @@ def test_with_sensors_the_observation_is_off_the_truth_by_their_noise_and_withou
     seen, true = seen_and_true_errors(sensors=True)
     off = np.sqrt(((seen - true) ** 2).mean())
     assert 2e-4 < off < 5e-3
-    # A motion capture's millimetre is not in the true error, which starts at none.
+    # The true error, which begins at zero, excludes the noise of the motion capture.
     assert np.linalg.norm(true[0]) < 1e-5
     assert np.linalg.norm(seen[0]) > 2e-4
     seen, true = seen_and_true_errors()
@@ -142,7 +142,7 @@ def test_with_sensors_the_observation_is_off_the_truth_by_their_noise_and_withou
 def test_errors_in_info_are_as_smooth_as_the_flight_while_the_observed_ones_are_not():
     seen, true = seen_and_true_errors(sensors=True)
     rough, smooth = (np.abs(np.diff(values, n=2, axis=0)).max() for values in (seen, true))
-    # 2 m/s² of acceleration are 1.25 mm in the square of a tick.
+    # An acceleration of 2 m/s² times the square of a tick is 1.25 mm.
     assert smooth < 1.25e-3
     assert rough > 2.0 * smooth
 
@@ -157,7 +157,7 @@ def test_the_controller_flies_on_what_is_observed_and_not_on_the_truth():
         observation = following
 
 
-def test_energy_is_the_sum_of_the_power_and_starts_anew_with_every_episode():
+def test_energy_is_the_sum_of_the_power_and_restarts_with_every_episode():
     env = make(forms="independent", joint_speed=1.0)
     for seed in (EARLY, None):
         steps = flight(env, actions_of(env, 40), seed)
@@ -214,7 +214,7 @@ def test_a_stuck_rotor_keeps_its_angles_and_its_thrust_while_the_others_turn(rot
     assert all(info["thrust_command"][i] > 5.0 for info in infos[21:])
 
 
-def test_the_controller_is_told_of_the_lost_rotor_and_of_no_other_when_it_fails():
+def test_the_reference_reports_the_lost_rotor_and_no_other_from_the_fault_on():
     env = make(forms="form1", disturbances={"lost_rotor": 3, "fault_time": 0.1})
     env.reset(seed=0)
     told = []
@@ -238,13 +238,13 @@ def test_no_action_makes_a_lost_rotor_thrust(mode):
     assert all(info["thrust_command"][3] < 1e-9 for *_, info in steps[1:])
 
 
-def test_a_controller_of_ones_own_flies_in_place_of_the_preset():
+def test_a_custom_controller_configuration_replaces_the_preset():
     no_gains = CentroidalConfig(position_gains=((0.0, 0.0, 0.0),) * 3, attitude_gains=((0.0, 0.0, 0.0),) * 3)
     own = replace(PRESETS["as_flown"], centroidal=no_gains, joint_speed=0.9)
     env = make(controller=own, preset="paper", joint_speed=0.3)
     info = flight(env, np.zeros((1, 6)), seed=0)[-1][3]
     assert np.linalg.norm(info["position_error"]) > 0.01
-    # Without gains an offset asks for the weight alone.
+    # Without gains an offset leads to a demand of the weight alone.
     assert abs(np.linalg.norm(info["wrench_desired"][:3]) - ROBOT.weight) < 1e-9
     np.testing.assert_allclose(info["wrench_desired"][3:], 0.0, rtol=0, atol=1e-9)
     assert env.controller.config.allocation == "as_flown"
@@ -254,7 +254,7 @@ def test_a_controller_of_ones_own_flies_in_place_of_the_preset():
     assert_same(flight(same_preset, np.zeros((5, 6)), seed=0), flight(plain, np.zeros((5, 6)), seed=0))
 
 
-def test_a_robot_of_ones_own_is_simulated_with_the_arguments_of_the_environment_on_top():
+def test_a_custom_plant_is_simulated_with_the_arguments_of_the_environment_on_top():
     own = PlantConfig(
         body=BodyConfig(total_mass=17.0), actuators=ActuatorConfig(max_thrust=30.0), idle_thrust=1.0, joint_speed=0.9
     )
@@ -278,14 +278,14 @@ def test_a_robot_that_is_heavier_than_described_starts_with_the_thrust_that_carr
     assert max(np.linalg.norm(info["position_error"]) for info in infos) < 0.01
 
 
-def test_drawn_robots_hover_from_the_start_of_the_episode():
+def test_randomised_robots_hover_from_the_start_of_the_episode():
     env = make(randomization=1.0, forms="form1", perturbation=0.0)
     for seed in range(6):
         infos = [info for *_, info in flight(env, np.zeros((40, 6)), seed=seed)]
         assert max(np.linalg.norm(info["position_error"]) for info in infos) < 0.05
 
 
-def test_info_tells_the_drawn_values_of_the_episode_within_their_ranges():
+def test_info_has_the_randomised_values_of_the_episode_within_their_ranges():
     env = make(randomization=1.0)
     first, second = (flight(env, np.zeros((2, 6)), seed=seed) for seed in (0, 1))
     for steps in (first, second):
@@ -331,6 +331,6 @@ def test_a_window_changes_the_flight_from_its_first_tick_on():
 @pytest.mark.parametrize(
     "windows", [((1.0, 1.0),), ((-1.0, 1.0),), ((0.0, math.inf),), ((0.0, math.nan),), ((1.0,),), ((0.0, 1.0), (2.0,))]
 )
-def test_windows_that_are_none_are_refused(windows):
+def test_invalid_windows_are_refused(windows):
     with pytest.raises(InvalidValueError, match="unrestricted"):
         make(forms="form3", unrestricted=windows)

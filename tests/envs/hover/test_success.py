@@ -1,4 +1,4 @@
-"""Pins how flights of Hover-v0 end: success, failure with its word, divergence."""
+"""Pins the ends of flights of Hover-v0: success, failure with its word, divergence."""
 
 import math
 
@@ -138,9 +138,7 @@ def test_a_flight_ends_with_the_word_for_what_went_wrong(word, thrust):
     [*((mode, {}) for mode in ACTION_MODES), ("residual", ROUGH), ("direct", ROUGH)],
     ids=named,
 )
-def test_a_diverged_state_ends_the_episode_finitely_and_the_next_one_is_as_if_nothing_had_been(
-    mode, options, tmp_path, monkeypatch
-):
+def test_a_diverged_state_ends_the_episode_finitely_and_does_not_affect_the_next(mode, options, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     env = make(action_mode=mode, **options)
     actions = actions_of(env, 5)

@@ -41,7 +41,7 @@ def test_the_papers_sequence_leaves_form_1_at_4_seconds_and_passes_form_2_withou
     assert abs(goals[2].deadline - 11.85) < 0.1
 
 
-def test_legs_are_alike_in_equal_forms_and_move_for_themselves_with_yaw_in_independent_ones():
+def test_legs_are_equal_in_equal_forms_and_move_separately_with_yaw_in_independent_ones():
     rng = np.random.default_rng(0)
     for forms, spread in (("equal", False), ("independent", True)):
         goals = draw_start(HoverTask(forms=forms, horizon_s=60.0), rng).goals

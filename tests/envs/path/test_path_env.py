@@ -1,4 +1,4 @@
-"""Pins Path-v0: where its paths lead, that the core and a controller in Python fly them alike, and how well."""
+"""Pins Path-v0: its paths, equal flights by the core and by a Python controller, and their accuracy."""
 
 import math
 from itertools import product
@@ -30,7 +30,7 @@ def make(**options):
 
 
 def drawn(seeds, **options):
-    """Paths of a task."""
+    """Paths of a task, one for each seed."""
     task = PathTask(**options)
     return [draw_start(task, np.random.default_rng(seed)).path for seed in seeds]
 
@@ -39,11 +39,11 @@ def sampled(path, step=0.02, until=20.0):
     return np.array([path.at(t) for t in np.arange(0.0, until, step)])
 
 
-# ---- what is drawn ----
+# ---- random paths ----
 
 
 @pytest.mark.parametrize(("kind", "heading"), [*product(KINDS, HEADINGS)])
-def test_a_drawn_path_begins_over_the_place_stays_in_the_room_and_outlasts_the_episode(kind, heading):
+def test_a_random_path_begins_at_the_start_stays_within_bounds_and_outlasts_the_episode(kind, heading):
     for path in drawn(range(20), path=kind, heading=heading):
         np.testing.assert_allclose(path.pose_w[0, :3], [0.0, 0.0, hover_height()], atol=1e-12)
         rows = sampled(path)
@@ -60,7 +60,7 @@ def test_a_drawn_path_begins_over_the_place_stays_in_the_room_and_outlasts_the_e
             np.testing.assert_array_equal(rows[:, 0, 3], 0.0)
 
 
-def test_kinds_speeds_and_headings_are_drawn_as_often_as_is_said():
+def test_kinds_speeds_and_headings_have_the_documented_frequencies():
     task = PathTask()
     paths = [draw_start(task, np.random.default_rng(seed)).path for seed in range(400)]
     turns = np.array([np.abs(path.rate_w[:, 3]).max() > 0.0 or path.pose_w[0, 3] != 0.0 for path in paths])
@@ -77,14 +77,14 @@ def test_kinds_speeds_and_headings_are_drawn_as_often_as_is_said():
 
 @pytest.mark.parametrize("speed", [0.05, 3.0])
 @pytest.mark.parametrize("kind", KINDS)
-def test_there_is_room_for_every_path_that_can_be_drawn(kind, speed):
+def test_every_random_path_fits_the_number_of_knots(kind, speed):
     for horizon in (0.5, 20.0, 90.0):
         task = PathTask(path=kind, speed=speed, horizon_s=horizon)
         for seed in range(12):
             assert len(draw_start(task, np.random.default_rng(seed)).path.times) <= task.most_knots
 
 
-# ---- engine, page and readable environment ----
+# ---- engine, task in Python and Python controller ----
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_there_is_room_for_every_path_that_can_be_drawn(kind, speed):
         {"action_mode": "residual", **DRAWN},
     ],
 )
-def test_the_engine_flies_as_the_readable_environment_does(options):
+def test_the_engine_flies_as_the_python_controller_does(options):
     engine, readable = (make(**{"preset": "tuned", **FAST, **options}, control=c) for c in ("core", "python"))
     rng = np.random.default_rng(1)
     for seed in (2, 3):
@@ -114,14 +114,14 @@ def test_the_engine_flies_as_the_readable_environment_does(options):
 
 
 class Restating(PathTask):
-    """A path whose references Python says again, each as it was."""
+    """A path task whose references pass through Python unchanged."""
 
     def reference(self, robots):
         return super().reference(robots)
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
-def test_references_that_python_says_again_as_they_are_change_nothing(mode):
+def test_references_that_pass_through_python_unchanged_change_nothing(mode):
     options: dict[str, Any] = {"autoreset_mode": mode, "max_episode_steps": 60, "horizon_s": 20.0, **FAST}
     own, built_in = (NativeVectorEnv(PATH, 4, task=task, **options) for task in (Restating, None))
     (seen, _), (expected, _) = own.reset(seed=7), built_in.reset(seed=7)
@@ -139,7 +139,7 @@ def test_references_that_python_says_again_as_they_are_change_nothing(mode):
             expected, _ = built_in.reset(options={"reset_mask": over})
 
 
-def test_a_robot_in_a_vector_flies_what_a_single_one_does_and_goes_on_in_another_place():
+def test_a_robot_in_a_vector_flies_like_a_single_one_and_continues_in_another_place():
     vector, single = NativeVectorEnv(PATH, 3, num_threads=2, **FAST, **DRAWN), make(**FAST, **DRAWN)
     vector.reset(seed=5)
     single.reset(seed=6)
@@ -154,12 +154,12 @@ def test_a_robot_in_a_vector_flies_what_a_single_one_does_and_goes_on_in_another
         np.testing.assert_array_equal(other.step(np.zeros((2, 6)))[0][0], vector.step(np.zeros((3, 6)))[0][1])
 
 
-# ---- what it means ----
+# ---- errors and accuracy ----
 
 
 @pytest.mark.parametrize("control", ["core", "python"])
-def test_errors_and_preview_are_against_the_path_of_now(control):
-    """Neither of a tick ago: at 1.5 m/s that would be 37 mm."""
+def test_errors_and_preview_refer_to_the_present_point_of_the_path(control):
+    """A delay of one tick at 1.5 m/s would be 37 mm."""
     env = make(path="spline", heading="along", speed=1.5, preset="tuned", control=control, **FAST)
     env.reset(seed=4)
     model, starts, at = env.controller.model, {}, 0
@@ -188,8 +188,8 @@ def test_errors_and_preview_are_against_the_path_of_now(control):
 
 
 @pytest.mark.parametrize("control", ["core", "python"])
-def test_a_reference_of_ones_own_is_compared_with_at_its_own_time(control):
-    """A hover that is told to move: what its task says of now, not of a tick ago."""
+def test_errors_refer_to_the_present_custom_reference(control):
+    """A hover whose reference moves: errors refer to the present reference, not to that of the previous tick."""
 
     class Moving(HoverTask):
         def reference(self, robots):
@@ -218,7 +218,7 @@ def test_a_reference_of_ones_own_is_compared_with_at_its_own_time(control):
     ],
 )
 def test_the_tuned_controller_follows_a_lemniscate_at_a_metre_a_second(options, position, attitude):
-    """Within what is asked of it; the paper's controller, which waits for an error, is ten times as far off."""
+    """Within these tolerances; the paper's controller, which reacts to errors alone, is over four times as far off."""
     rms = {}
     for preset in ("tuned", "paper"):
         vector = NativeVectorEnv(PATH, 3, num_threads=2, path="lemniscate", speed=1.0, preset=preset, **FAST, **options)
@@ -234,7 +234,7 @@ def test_the_tuned_controller_follows_a_lemniscate_at_a_metre_a_second(options, 
     assert rms["paper"][0] > 4.0 * rms["tuned"][0]
 
 
-def test_a_given_start_is_flown_as_the_drawn_one_was():
+def test_a_given_start_is_flown_as_the_sampled_one_was():
     env = make(**FAST)
     env.reset(seed=9)
     path, progress, record = env.path, env.progress, env.fleet.robots[0]
@@ -262,7 +262,7 @@ def test_a_given_start_is_flown_as_the_drawn_one_was():
         ({"speed": -1.0}, InvalidValueError, "0.05 … 3"),
     ],
 )
-def test_what_is_no_path_is_refused(options, kind, match):
+def test_invalid_paths_are_refused(options, kind, match):
     with pytest.raises(kind, match=match):
         make(**options)
 
@@ -270,7 +270,7 @@ def test_what_is_no_path_is_refused(options, kind, match):
 @pytest.mark.parametrize(
     "path", [[[0.0] * 12], [[0.0] * 13] * 2, [[math.nan, *[0.0] * 12]], "away", [[0.0, 1e9, *[0.0] * 11]]]
 )
-def test_a_start_with_knots_that_are_none_is_refused_and_nothing_has_changed(path):
+def test_a_start_with_invalid_knots_is_refused_and_nothing_has_changed(path):
     env = make(forms="form1")
     env.reset(seed=0)
     start = {"goals": [[0.0, 0.0, [0.0] * 16]], "position": [0.0] * 3, "rotation": [0.0] * 3, "path": path}
