@@ -1,1 +1,1 @@
-"""The onboard core behind Python: sources shared with the robot, bindings, generators."""
+"""The native library: C sources shared with the robot, their Python bindings, code generators."""

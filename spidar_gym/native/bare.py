@@ -1,4 +1,4 @@
-"""Bare physics: what the robots of an engine would cost if there were nothing around MuJoCo."""
+"""Bare physics: the CPU time of an engine's robots in MuJoCo alone, for comparison."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -16,13 +16,13 @@ from spidar_gym.sim.scene import TIMESTEP, scene
 
 
 class BarePhysics:
-    """A simulation for each robot of an engine, with an MjModel and an MjData of its own, and nothing else.
+    """An MjModel and an MjData for each robot of an engine, and nothing else.
 
-    Masses, friction, floor and actuators are each robot's, and contacts are looked for where the engine would.
+    Masses, friction, floor and actuators are each robot's. Contact detection is on where it is on in the engine.
     """
 
     def __init__(self, engine: Engine, threads: int) -> None:
-        """Copy the robots as they are; `threads` threads will share them."""
+        """Copy the robots in their present state and distribute them over `threads` threads."""
         plant = self._plants(engine)
         self._substeps = [int(each["config"]["substeps"]) for each in plant]
         ground = plant[0]["config"]["ground"]
@@ -41,7 +41,7 @@ class BarePhysics:
         return robots["plant"] if "plant" in (robots.dtype.names or ()) else robots
 
     def take(self, engine: Engine) -> None:
-        """Become the robots that there are now, where they are."""
+        """Copy the present robots and their states from an engine."""
         flag, plants = int(mujoco.mjtDisableBit.mjDSBL_CONTACT), self._plants(engine)
         for k, (simulation, substeps) in enumerate(zip(self._simulations, self._substeps, strict=True)):
             model, plant, copy = simulation.model, plants[k], engine.copies[min(k, len(engine.copies) - 1)]
@@ -55,7 +55,7 @@ class BarePhysics:
             model.opt.disableflags = model.opt.disableflags | flag if far else model.opt.disableflags & ~flag
 
     def step(self, ticks: int) -> None:
-        """Let every simulation make the physics steps of so many control periods, in turn."""
+        """Advance every simulation by the physics steps of `ticks` control periods."""
         if self._pool is None:
             self._step(self._shares[0], ticks)
             return

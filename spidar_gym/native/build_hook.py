@@ -1,4 +1,4 @@
-"""Compiles the library when the package is built or installed; loaded by hatchling, where the package is not."""
+"""Compiles the library when the package is built or installed; hatchling loads it without the package."""
 
 import os
 import runpy
@@ -13,23 +13,23 @@ from hatchling.builders.hooks.plugin.interface import (  # pyright: ignore[repor
     BuildHookInterface,
 )
 
-# Importing it by its name would import the package, and that its dependencies.
+# Importing it by name would import the package and its dependencies.
 recipe = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("recipe.py"))))
 CORRECT = "a C99 compiler that is installed, with its arguments, such as gcc -O2, or no CC at all"
 
 
 class NativeLibrary(BuildHookInterface):
-    """Puts the library into the wheel, and beside its sources where these are installed to be edited."""
+    """Puts the library into the wheel, or beside its sources in an editable installation."""
 
     def dependencies(self) -> list[str]:
-        """A compiler from PyPI where this machine has none."""
+        """Require a compiler from PyPI where this machine has none."""
         return [] if self._compiler() else [recipe.ZIG]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile, and say for which platform the wheel is."""
+        """Compile the library and set the platform of the wheel."""
         root = Path(self.root)
         place = f"spidar_gym/native/{recipe.LIBRARY}"
-        # In the target's folder where it stays: a library that is in use is replaced, never written into.
+        # In an editable installation in the target's folder: a library in use is replaced, never overwritten.
         self._folder = tempfile.TemporaryDirectory(dir=(root / place).parent if version == "editable" else None)
         made = Path(self._folder.name) / recipe.LIBRARY
         self._compile(made)
@@ -41,7 +41,7 @@ class NativeLibrary(BuildHookInterface):
             build_data["force_include"][str(made)] = place
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
-        """Tidy up."""
+        """Remove the temporary folder."""
         self._folder.cleanup()
 
     def _compile(self, made: Path) -> None:

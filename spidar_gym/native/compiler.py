@@ -1,4 +1,4 @@
-"""The compilers of this machine: how they are called, and in one line what they said."""
+"""Calls the compilers of this machine, and reports their errors in one line."""
 
 import os
 import re
@@ -11,15 +11,15 @@ from spidar_gym.files import scratch_folder, whole_file
 from spidar_gym.native import recipe
 
 TELLING = re.compile(r"error|fatal|fail|cannot|denied|no such|no space|not found|undefined", re.IGNORECASE)
-"""Lines of a compiler or linker that say why."""
+"""Pattern of the lines in which a compiler or linker states an error."""
 
 
 def compiler() -> list[str]:
-    """A C compiler, with the arguments that CC has.
+    """Return the command of a C compiler, with the arguments in CC.
 
     Raises:
-        MissingDependencyError: When there is none.
-        InvalidValueError: When CC is no command.
+        MissingDependencyError: When there is no compiler.
+        InvalidValueError: When CC is not a command.
     """
     try:
         words = recipe.find_compiler()
@@ -32,15 +32,15 @@ def compiler() -> list[str]:
 
 
 def compile_library(path: Path, headers: Mapping[str, str] | None = None) -> Path:
-    """Compile the library from the sources beside this file; `path`, where it then lies.
+    """Compile the library from the sources beside this file; return `path`.
 
     Args:
-        path: Where it is to lie.
-        headers: Name → text of headers that take the place of generated ones.
+        path: Path of the library.
+        headers: Name → text of headers that replace generated ones.
 
     Raises:
         MissingDependencyError: Without a C compiler.
-        SpidarError: When it does not compile, with the compiler's words, or cannot be written.
+        SpidarError: When it does not compile, with the compiler's messages, or cannot be written.
     """
     command = compiler()
     interface = recipe.interface_header(recipe.library_digest())
@@ -54,15 +54,15 @@ def compile_library(path: Path, headers: Mapping[str, str] | None = None) -> Pat
 
 
 def run_tool(command: Sequence[str], what: str, place: Path | None = None) -> str:
-    """Call a compiler, linker or generator; what it printed.
+    """Call a compiler, linker or generator; return what it printed.
 
     Args:
-        command: With its arguments.
-        what: What is being made, for the message.
-        place: Folder to call it in.
+        command: Command with its arguments.
+        what: Name of the product, for the error message.
+        place: Working directory of the call.
 
     Raises:
-        SpidarError: When it cannot be started or fails; with what it said.
+        SpidarError: When it cannot be started or fails; with its messages.
     """
     english = {**os.environ, "LC_ALL": "C"}
     try:
@@ -70,14 +70,14 @@ def run_tool(command: Sequence[str], what: str, place: Path | None = None) -> st
             command, cwd=place, env=english, capture_output=True, text=True, errors="replace", check=False
         )
     except OSError as error:
-        said = f"cannot be started: {error.strerror}"
+        reason = f"cannot be started: {error.strerror}"
     else:
         if done.returncode == 0:
             return done.stdout
         lines = done.stderr.splitlines()
         telling = [line for line in lines if TELLING.search(line)] or lines
-        said = " ".join(" / ".join(telling).split())[:400] or f"ended with status {done.returncode}"
+        reason = " ".join(" / ".join(telling).split())[:400] or f"ended with status {done.returncode}"
     raise SpidarError(
-        f"{what} does not compile: {Path(command[0]).name}: {said}; valid: compilers for C99 (CC) and, for ROS, C++11, "
-        "and room on the disks of the output and of TMPDIR"
+        f"{what} does not compile: {Path(command[0]).name}: {reason}; valid: compilers for C99 (CC) and, for ROS,"
+        " C++11, and room on the disks of the output and of TMPDIR"
     )

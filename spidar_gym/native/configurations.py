@@ -1,4 +1,4 @@
-"""Structs of what can be chosen about a simulated robot."""
+"""Structs of a simulated robot's configuration."""
 
 from functools import cache
 
@@ -14,6 +14,6 @@ from spidar_gym.sim.sensors import SensorConfig
 
 @cache
 def configuration_structs() -> tuple[CStruct, ...]:
-    """What can be chosen about a simulated robot, those inside others first."""
+    """Return the structs of a simulated robot's configuration, nested structs first."""
     parts = ActuatorConfig(), AeroConfig(), BodyConfig(), GroundConfig(), SensorConfig(), PlantConfig(), Disturbances()
     return tuple(map(struct_of, parts))

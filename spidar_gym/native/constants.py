@@ -26,23 +26,23 @@ from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
 
 ONBOARD_ITERATIONS = 300
-"""Iteration cap of the robot's computer: what fits into 5 ms there."""
+"""Iteration cap on the robot's computer: what fits into 5 ms there."""
 MAX_N = MAX_M = 80
 """Unknowns and rows of the largest program, softened ones included."""
 MAX_SIDES = 2 * MAX_M + N_ROTORS
 """Sides of rows and thrust spheres of the largest program."""
 MAX_STEPS = 256
-"""Steps that the gait has room for."""
+"""Largest number of steps of the gait."""
 MAX_WAYPOINTS, MANAGER_KNOTS = 64, 8
-"""Commands that the manager of both gaits has room for, and knots of the straight flight of one."""
+"""Largest number of commands of the manager of both gaits; knots of a straight flight."""
 N_ANGLES = N_JOINTS + 2 * N_ROTORS
-"""Angles that the encoders tell."""
+"""Number of angles that the encoders measure."""
 N_BODIES = 1 + N_ANGLES
 """Bodies of the kinematic tree: the torso, and one behind each joint and each vectoring servo."""
 MAX_OBSERVATION, MAX_TRACES, MAX_ACTION, MAX_WIDTH = 512, 128, 40, 1024
-"""Numbers that a policy sees, remembers and answers at most, and those of the widest layer between them."""
+"""Largest sizes of a policy: observation, low-passed observations, action, widest layer."""
 MAX_ENTRIES = 48
-"""Entries of an action, the modes without a controller included."""
+"""Largest number of entries of an action, modes without a controller included."""
 SIZES = {
     "LEGS": N_LEGS, "ROTORS": N_ROTORS, "JOINTS": N_JOINTS, "FORCES": N_FORCES, "UNKNOWNS": N_UNKNOWNS,
     "MAX_N": MAX_N, "MAX_M": MAX_M, "MAX_STEPS": MAX_STEPS, "MAX_OBSERVATION": MAX_OBSERVATION,
@@ -51,7 +51,7 @@ SIZES = {
     "MAX_WAYPOINTS": MAX_WAYPOINTS, "MANAGER_KNOTS": MANAGER_KNOTS,
     "COURSE_AHEAD": course_observation.AHEAD,
 }  # fmt: skip
-"""Whole numbers by their names in C without `SP_`."""
+"""Integers by their names in C without `SP_`."""
 NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", flight_controller, ("CONTROL_RATE",)),
     ("", observation, ("NO_NEXT_FORM",)),
@@ -83,17 +83,17 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("GAIT_", gait, ("FILTER_TIME", "SLOW_TIME", "AGREE", "NEAR", "STILL", "MAX_DEPTH", "RESPONSE_TIME", "SHORTEN",
                      "LEAST_LIFT", "TRIAL")),
 )  # fmt: skip
-"""Prefix in C, where the numbers are, and their names there."""
+"""Prefix in C, Python module, and names of the numbers in it."""
 
 
 def program_modes() -> dict[str, Mode]:
-    """The modes that the core solves by name, in the order of its `sp_program_kind`; patterns alone count."""
+    """Return the modes that the core solves by name, in the order of `sp_program_kind`; only their patterns matter."""
     flight = {name: allocation["flight"] for name, allocation in ALLOCATIONS.items()}
     return {**flight, PROJECTION.name: PROJECTION, **CrawlerConfig().modes}
 
 
 PROGRAMS = tuple(program_modes())
-"""Programs of the core in its order; on the ground they are the allocation modes' names."""
+"""Programs of the core in its order; those on the ground have the names of the allocation modes."""
 COSTS = (blocks.ThrustEffort, contact.PowerEffort, blocks.JointTorqueEffort, contact.FootEffort)
 """Blocks of cost in the core's order."""
 ROWS = (
@@ -104,39 +104,39 @@ ROWS = (
 STEPS = {"cycle": CYCLE, "lift": LIFT, "stand": STAND}
 """Kinds of a gait's steps in the core's order, with their phases."""
 CHANNELS = ("wrench", "joint_offset", "joint_speed_scale", "forces", "gait", "leg_forces")
-"""What the entries of a policy's action are: channels, in this order; in C each is a bit."""
+"""Channels of a policy's action, in the order of its entries; in C each is a bit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Enumeration:
-    """Words that are numbers in C."""
+    """An enumeration: words in Python, integers in C."""
 
     name: str
     """Name of the type without `sp_`."""
     doc: str
-    """What is enumerated."""
+    """Description of the enumeration."""
     words: tuple[str, ...]
     """The words in order."""
     prefix: str = ""
-    """What stands between `SP_` and a word."""
+    """Text between `SP_` and a word."""
     values: tuple[int, ...] = ()
-    """Their numbers; from 0 on if not given."""
+    """Values of the words; 0, 1, … if not given."""
     count: str = ""
-    """Name of how many there are, if anybody asks."""
+    """Name of the constant for the number of words; empty if not needed."""
 
     @property
     def numbers(self) -> dict[str, int]:
-        """Number of each word."""
+        """Value of each word."""
         return dict(zip(self.words, self.values or range(len(self.words)), strict=True))
 
 
 def snake(name: str) -> str:
-    """RobotState → robot_state."""
+    """Convert a class name to snake case: RobotState → robot_state."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 
 
 def _blocks(none: str, kinds: tuple[type, ...]) -> tuple[str, ...]:
-    """Words for classes of blocks: NO_COST, THRUST_EFFORT …, and for none of them."""
+    """Return the words for classes of blocks: first that for no block, then thrust_effort …."""
     return (none, *(snake(kind.__name__) for kind in kinds))
 
 
@@ -146,17 +146,17 @@ ENUMERATIONS = {
         Enumeration("cost_kind", "Blocks of cost.", _blocks("no_cost", COSTS)),
         Enumeration("rows_kind", "Blocks of rows.", _blocks("no_rows", ROWS)),
         Enumeration("program_kind", "Programs, each with a workspace.", PROGRAMS, "PROGRAM_", count="PROGRAMS"),
-        Enumeration("status", "How a tick was answered, best first.", tuple(AllocationStatus)),
-        Enumeration("phases", "What a step of the gait runs through.", tuple(STEPS)),
+        Enumeration("status", "Outcome of a tick's allocation, best first.", tuple(AllocationStatus)),
+        Enumeration("phases", "Phase sequences of a step of the gait.", tuple(STEPS)),
         Enumeration("phase", "Phases of the gait.", PHASES),
-        Enumeration("locomotion_kind", "What the manager of both gaits is told.", locomotion.KINDS, "LOCOMOTION_"),
-        Enumeration("manager_phase", "What it is doing.", orders.PHASES, "MANAGER_"),
-        Enumeration("gate_kind", "What a course is made of; what is passed comes first.", gates.KINDS, "GATE_",
+        Enumeration("locomotion_kind", "Commands to the manager of both gaits.", locomotion.KINDS, "LOCOMOTION_"),
+        Enumeration("manager_phase", "Phases of the manager of both gaits.", orders.PHASES, "MANAGER_"),
+        Enumeration("gate_kind", "Parts of a course: gates first, then floors.", gates.KINDS, "GATE_",
                     count="GATE_KINDS"),
-        Enumeration("channel", "What the entries of a policy's action are, in this order.", CHANNELS, "CHANNEL_",
+        Enumeration("channel", "Channels of a policy's action, in the order of its entries.", CHANNELS, "CHANNEL_",
                     tuple(1 << k for k in range(len(CHANNELS)))),
-        Enumeration("policy_target", "What a policy adds to; direct commands a flight.",
+        Enumeration("policy_target", "Controller that a policy adds to; `direct` commands a flight itself.",
                     ("none", "flight", "crawl", "direct"), "POLICY_", (-1, 0, 1, 2)),
     )
 }  # fmt: skip
-"""By name of the type without `sp_`."""
+"""Enumerations by the name of their type without `sp_`."""

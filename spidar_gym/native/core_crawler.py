@@ -20,22 +20,22 @@ from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
 
 
 class _Pose2(ctypes.Structure):
-    """sp_pose2, which is passed by value."""
+    """`sp_pose2`, which is passed by value."""
 
     _fields_ = [("x", ctypes.c_double), ("y", ctypes.c_double), ("yaw", ctypes.c_double)]
 
 
 class CoreGait:
-    """What the core's gait is doing: what tasks and observations read of it."""
+    """State of the core's gait, as far as tasks and observations read it."""
 
     def __init__(self, crawl: Struct, library: ctypes.CDLL) -> None:
-        """Look at it."""
+        """View the gait in an `sp_crawl`."""
         self._crawl, self._library = crawl, library
         self._memory = crawl.inner("gait", "gait_memory")
 
     @property
     def done(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether every command is carried out."""
         return bool(self._library.sp_gait_done(self._crawl.pointer))
 
     @property
@@ -45,26 +45,26 @@ class CoreGait:
 
     @property
     def timeouts(self) -> int:
-        """Phases that ended by time-out."""
+        """Number of phases that ended by time-out."""
         return int(self._memory["timeouts"])
 
     @property
     def swinging(self) -> np.ndarray:
-        """Legs whose feet are on their way (4,): in a crawl all or none."""
+        """Legs in swing, shape (4,): in a crawl all or none."""
         return np.full(N_LEGS, self.phase == "swing")
 
 
 class CoreCrawlMemory(LastCommand):
-    """What the core's crawler remembers; the arrays show what is there now."""
+    """State of the core's crawler; the arrays are views of it."""
 
     def __init__(self, struct: Struct) -> None:
-        """Look at it."""
+        """View an `sp_crawl_memory`."""
         super().__init__(struct)
         self._struct = struct
 
     @property
     def gap(self) -> float:
-        """How much of the hand-over is left."""
+        """Remaining share of the hand-over between modes, 1 … 0."""
         return float(self._struct["gap"])
 
     @property
@@ -84,17 +84,17 @@ class CoreCrawler(Core[CoreCrawlMemory]):
         record: np.ndarray | None = None,
         room: Room | None = None,
     ) -> None:
-        """Take the core and give it a configuration, or look at a crawler of the engine.
+        """Make a crawler in the core, or view one of the engine.
 
         Args:
             config: Gait, allocation, margins.
-            model: The robot as described.
-            record: `sp_crawl` of a robot in the engine, which has this configuration already.
-            room: What it works in.
+            model: Model of the described robot.
+            record: `sp_crawl` of a robot in the engine, which already has this configuration.
+            room: Workspace; a new one if not given.
 
         Raises:
             MissingDependencyError: When the core is not compiled.
-            InvalidValueError: For a gait of another robot's legs than the model's.
+            InvalidValueError: For a gait whose legs are not those of the model's robot.
         """
         self.config = config or CrawlerConfig()
         check_legs(self.config.gait, model)
@@ -110,7 +110,7 @@ class CoreCrawler(Core[CoreCrawlMemory]):
 
     @property
     def last_step(self) -> CrawlRecord | None:
-        """What the last tick did; None before the first."""
+        """Record of the last tick; None before the first."""
         if self._last_step is None and self._crawl["ticked"]:
             allocation = read_allocation(self._answered, self._solve_time)
             self._last_step = CrawlRecord(allocation, self.memory.forces_l, self.memory.mode, self.gait.phase)
@@ -122,7 +122,7 @@ class CoreCrawler(Core[CoreCrawlMemory]):
         return self.gait.done and self.memory.gap == 0.0
 
     def reset(self, state: RobotState, commands: Iterable[GaitCommand] = ()) -> None:
-        """Forget everything; as `Crawler.reset`."""
+        """Reset the controller; as `Crawler.reset`."""
         self.write_state(state)
         self._last_step = None
         self.library.sp_crawl_reset(self._crawl.pointer, self._state.pointer)
@@ -130,7 +130,7 @@ class CoreCrawler(Core[CoreCrawlMemory]):
             self.command(command)
 
     def command(self, command: GaitCommand) -> int:
-        """Append a command; returns how many steps it takes (`InvalidValueError` for what is out of reach)."""
+        """Append a command; return its number of steps (`InvalidValueError` if it is out of reach)."""
         crawl = self._crawl.pointer
         if isinstance(command, Move):
             way = _Pose2(command.way.x, command.way.y, command.way.yaw)
@@ -147,7 +147,7 @@ class CoreCrawler(Core[CoreCrawlMemory]):
         return int(steps)
 
     def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
-        """One control tick; as `Crawler.step`."""
+        """Compute the command of one control tick; as `Crawler.step`."""
         self.write_state(state)
         return self._tick(
             self.library.sp_crawl_step, self._crawl.pointer, self._state.pointer, self.residual_pointer(residual),
@@ -155,7 +155,7 @@ class CoreCrawler(Core[CoreCrawlMemory]):
         )  # fmt: skip
 
     def observe(self, observables: CrawlObservables, *, bound: np.ndarray) -> np.ndarray:
-        """The observation; as `control.crawl.observation.observe_crawl`."""
+        """Compute the observation; as `control.crawl.observation.observe_crawl`."""
         goal, action = observables.goal, observables.previous_action
         self.write_state(observables.state)
         pose = np.array([goal.x, goal.y, goal.yaw])

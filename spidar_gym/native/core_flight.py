@@ -16,10 +16,10 @@ from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotSta
 
 
 class ControlStateView:
-    """A control state in the core's memory, and the controller's dataclass whose arrays show it."""
+    """A control state in the core's memory, and a `ControlState` whose arrays are views of it."""
 
     def __init__(self, record: np.ndarray | None = None, robot: RobotSpec = ROBOT) -> None:
-        """Make one of a robot, or look at one inside another struct."""
+        """Make a control state of a robot, or view one inside another struct."""
         self.struct = Struct("control_state", record)
         s, e = self.struct.inner("snapshot", "snapshot"), self.struct.inner("error", "motion_error")
         shapes = {"inertia_c": (3, 3), "R_bl": (8, 3, 3), "J_rotor": (8, 3, 16), "joint_axes": (3, 16),
@@ -33,7 +33,7 @@ class ControlStateView:
         self._mass = s["mass"]
 
     def load(self, given: ControlState) -> None:
-        """Show what another control state says."""
+        """Copy another control state into this one."""
         shown = self.control_state
         shown.R_wb[:], self._mass[...] = given.R_wb, given.snapshot.mass
         for own, other in ((shown.snapshot, given.snapshot), (shown.error, given.error)):
@@ -43,10 +43,10 @@ class ControlStateView:
 
 
 class CoreMemory(LastCommand):
-    """What the core's flight controller remembers; the arrays show what is there now."""
+    """State of the core's flight controller; the arrays are views of it."""
 
     def __init__(self, struct: Struct) -> None:
-        """Look at it."""
+        """View an `sp_flight_memory`."""
         super().__init__(struct)
         self._bounds = struct.inner("interference", "interference")
         self.integrals = Integrals(struct["position_integral_w"], struct["attitude_integral"])
@@ -70,13 +70,13 @@ class CoreFlightController(Core[CoreMemory]):
         record: np.ndarray | None = None,
         room: Room | None = None,
     ) -> None:
-        """Take the core and give it a configuration, or look at a controller of the engine.
+        """Make a controller in the core, or view one of the engine.
 
         Args:
             config: Allocation, gains, limits.
-            model: The robot as described.
-            record: `sp_flight` of a robot in the engine, which has this configuration already.
-            room: What it works in.
+            model: Model of the described robot.
+            record: `sp_flight` of a robot in the engine, which already has this configuration.
+            room: Workspace; a new one if not given.
 
         Raises:
             MissingDependencyError: When the core is not compiled.
@@ -98,7 +98,7 @@ class CoreFlightController(Core[CoreMemory]):
 
     @property
     def last_step(self) -> FlightRecord | None:
-        """What the last tick did; None before the first."""
+        """Record of the last tick; None before the first."""
         f = self._flight
         if self._last_step is None and f["ticked"]:
             allocation = read_allocation(self._answered, self._solve_time)
@@ -109,7 +109,7 @@ class CoreFlightController(Core[CoreMemory]):
         return self._last_step
 
     def reset(self, state: RobotState, joint_position: JointVector | None = None, trim: Wrench | None = None) -> None:
-        """Forget everything; as `FlightController.reset`."""
+        """Reset the controller; as `FlightController.reset`."""
         self.write_state(state)
         self._last_step = None
         given = [None if x is None else np.ascontiguousarray(x, float) for x in (joint_position, trim)]
@@ -117,7 +117,7 @@ class CoreFlightController(Core[CoreMemory]):
         self.library.sp_flight_reset(self.room.robot, self._flight.pointer, self._state.pointer, *pointers)
 
     def rest_vectoring(self, q: JointVector) -> Vectoring:
-        """(φ, θ) that a hover in the form q comes to rest near [rad]."""
+        """Return the (φ, θ) near which a hover in the form q settles, shape (8, 2) [rad]."""
         vectoring = np.zeros((N_ROTORS, 2))
         self.library.sp_rest_vectoring(
             self.room.robot, self._settings.pointer, pointer(np.ascontiguousarray(q, float)), pointer(vectoring)
@@ -130,7 +130,7 @@ class CoreFlightController(Core[CoreMemory]):
             self._given = reference
 
     def compute_state(self, state: RobotState, reference: Reference) -> ControlState:
-        """What the controller makes of a state; its arrays are overwritten by the next call but one."""
+        """Compute the control state of a robot state; its arrays are overwritten by the next call but one."""
         self.write_state(state)
         self._write_reference(reference)
         view = self._views[self._turn]
@@ -141,7 +141,7 @@ class CoreFlightController(Core[CoreMemory]):
         return view.control_state
 
     def _view(self, control_state: ControlState) -> ControlStateView:
-        """Where the core reads a control state: its own one, or one that was copied, with its numbers."""
+        """Return the view from which the core reads a control state; one from elsewhere is copied into `_foreign`."""
         for view in self._views:
             if view.control_state is control_state:
                 return view
@@ -155,7 +155,7 @@ class CoreFlightController(Core[CoreMemory]):
         residual: Residual = NO_RESIDUAL,
         control_state: ControlState | None = None,
     ) -> Command:
-        """One control tick; as `FlightController.step`."""
+        """Compute the command of one control tick; as `FlightController.step`."""
         self.write_state(state)
         self._write_reference(reference)
         known = None if control_state is None else self._view(control_state).struct.pointer
@@ -165,7 +165,7 @@ class CoreFlightController(Core[CoreMemory]):
         )  # fmt: skip
 
     def observe(self, observables: FlightObservables, *, bound: np.ndarray) -> np.ndarray:
-        """The observation; as `control.flight.observation.observe`."""
+        """Compute the observation; as `control.flight.observation.observe`."""
         seen = observables
         self.write_state(seen.state)
         view = self._view(seen.control_state)

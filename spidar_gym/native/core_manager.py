@@ -1,4 +1,4 @@
-"""The manager of both gaits of the onboard core, as the readable one is told."""
+"""The onboard core's manager of both gaits, with the interface of the Python manager."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -25,7 +25,7 @@ ORDER = (CrawlTo, TakeOff, FlyTo, Land)
 
 
 def waypoint(command: LocomotionCommand) -> np.ndarray:
-    """`sp_waypoint`."""
+    """Return a command as `sp_waypoint`."""
     record = np.zeros((), core_layouts()["waypoint"])
     record["kind"] = ORDER.index(type(command))
     if isinstance(command, CrawlTo):
@@ -42,19 +42,19 @@ def waypoint(command: LocomotionCommand) -> np.ndarray:
 
 
 class CoreManager(Core[LastCommand], Orders):
-    """The manager that is compiled for the robot."""
+    """The manager of both gaits that is compiled for the robot."""
 
     def __init__(
         self, config: ManagerConfig | None = None, model: Model | None = None, *,
         record: np.ndarray | None = None, room: Room | None = None,
     ) -> None:  # fmt: skip
-        """Take the core and give it a configuration, or look at a manager of the engine.
+        """Make a manager in the core, or view one of the engine.
 
         Args:
-            config: Who flies, who crawls, and how they give way to each other.
-            model: The robot as described.
-            record: `sp_manager` of a robot in the engine, which has this configuration already.
-            room: What it works in.
+            config: Controllers of flight and crawl, and the transitions between them.
+            model: Model of the described robot.
+            record: `sp_manager` of a robot in the engine, which already has this configuration.
+            room: Workspace; a new one if not given.
 
         Raises:
             MissingDependencyError: When the core is not compiled.
@@ -70,16 +70,16 @@ class CoreManager(Core[LastCommand], Orders):
         self._last: LocomotionCommand | None = None
         flight, crawl = (self._manager[name] for name in ("flight", "crawl"))
         self.flight = CoreFlightController(self.config.flight, self.model, record=flight, room=self.room)
-        """Who flies."""
+        """Flight controller."""
         self.crawler = CoreCrawler(self.config.crawl, self.model, record=crawl, room=self.room)
-        """Who crawls."""
+        """Crawl controller."""
 
     def remembered(self) -> dict[str, Any]:
-        """As `Core.remembered`."""
+        """Return the state; as `Core.remembered`."""
         return super().remembered() | {"last": self._last}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """As `Core.recall`."""
+        """Restore a state; as `Core.recall`."""
         super().recall(memory)
         self._last = memory["last"]
         self.flight.forget()
@@ -87,17 +87,17 @@ class CoreManager(Core[LastCommand], Orders):
 
     @property
     def last_step(self) -> FlightRecord | CrawlRecord | None:
-        """What the last tick of whoever controls now did; None before its first."""
+        """Record of the last tick of the active controller; None before its first."""
         return (self.crawler if self.on_ground else self.flight).last_step
 
     def forget(self) -> None:
-        """The engine goes on with what this looks at: what was read of the last tick is past."""
+        """Discard what was read of the last tick, after the engine has advanced the viewed manager."""
         super().forget()
         self.flight.forget()
         self.crawler.forget()
 
     def close(self) -> None:
-        """Nothing can be asked of it any more."""
+        """Release the library; later calls raise an error."""
         super().close()
         self.flight.close()
         self.crawler.close()
@@ -109,32 +109,32 @@ class CoreManager(Core[LastCommand], Orders):
 
     @property
     def done(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether every command is carried out."""
         return bool(self.library.sp_manager_done(self._manager.pointer))
 
     @property
     def last(self) -> LocomotionCommand | None:
-        """The last of what is still to do."""
+        """The last of the pending commands; None without any."""
         return self._last if int(self._manager["count"]) else None
 
     @property
     def floor(self) -> float:
-        """Height of the centre of mass where it lay last, or is expected to lie [m]."""
+        """Height of the CoG where the robot lay last, or is expected to lie [m]."""
         return float(self._memory["floor"])
 
     @property
     def asked_w(self) -> np.ndarray:
-        """Where the centre of mass was asked to be at the last tick in flight, shape (3,) [m]."""
+        """Commanded CoG of the last tick in flight, shape (3,) [m]."""
         return self._manager["reference"]["position_w"].copy()
 
     @property
     def status(self) -> AllocationStatus:
-        """How the allocation answered at the last tick."""
+        """Status of the allocation at the last tick."""
         gait = "crawl" if self.phase in ("lie", "crawl") else "flight"
         return STATUS[int(self._manager[gait]["allocation"]["status"])]
 
     def reset(self, state: RobotState, commands: Iterable[LocomotionCommand] = ()) -> None:
-        """Forget everything; as `Manager.reset`."""
+        """Reset the manager; as `Manager.reset`."""
         self.write_state(state)
         self.library.sp_manager_reset(self.room.robot, self._manager.pointer, self._state.pointer)
         self._last = None
@@ -162,7 +162,7 @@ class CoreManager(Core[LastCommand], Orders):
             raise InvalidValueError("commands", before + len(commands), f"at most {MAX_WAYPOINTS} at once")
 
     def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
-        """One control tick; as `Manager.step`."""
+        """Compute the command of one control tick; as `Manager.step`."""
         self.write_state(state)
         self.flight.forget()
         self.crawler.forget()

@@ -20,7 +20,7 @@ def write_course(record: Any, course: Course) -> None:  # noqa: ANN401 - numpy's
 
 
 def read_course(record: Any) -> Course:  # noqa: ANN401 - numpy's row
-    """The course of an `sp_course`."""
+    """Return the course in an `sp_course`."""
     names = ("begin", "end", "size", "middle")
     rows = record["gates"][: int(record["count"])]
     gates = tuple(Gate(KINDS[int(row["kind"])], *(row[name].item() for name in names)) for row in rows)
@@ -30,7 +30,7 @@ def read_course(record: Any) -> Course:  # noqa: ANN401 - numpy's row
 
 
 def read_target(record: Any) -> Target | None:  # noqa: ANN401 - numpy's row
-    """What an `sp_pilot` follows."""
+    """Return the target that an `sp_pilot` follows; None without one."""
     if not record["has_target"]:
         return None
     last = record["last"]

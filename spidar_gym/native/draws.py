@@ -1,4 +1,4 @@
-"""numpy's generators as plain records that the engine draws from, and back: the same numbers from either."""
+"""Converts numpy's generators to records of the engine and back; both yield the same numbers."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -9,27 +9,27 @@ from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.engine_structs import engine_layouts
 
 SEED_POOL = 4
-"""Words of 32 bits in which numpy's SeedSequence mixes a seed."""
+"""Number of 32-bit words of the pool in which numpy's SeedSequence mixes a seed."""
 SEED_START, SEED_FACTOR = 0x43B0D7E5, 0x931E8875
-"""First constant of the mixing, and the factor from each to the next."""
+"""First constant of the mixing, and the factor from one constant to the next."""
 SEED_LEFT, SEED_RIGHT = 0xCA01F9DD, 0x4973F715
-"""Factors with which two words become one."""
+"""Factors by which two words are combined into one."""
 STATE_START, STATE_FACTOR = 0x8B51F9DD, 0x58F38DED
-"""Constants with which the pool becomes the state of a bit generator."""
+"""Constants by which the pool is expanded to the state of a bit generator."""
 _BITS, _WORDS = 2**32, 2**64
 _UNLEFT = pow(SEED_LEFT, -1, _BITS)
 _MOST_WORDS = 10_000
-"""Seeds and spawn keys of more words than this are not looked for."""
+"""Largest number of words of seed and spawn key that `to_numpy` searches."""
 _VALID = "a numpy Generator of PCG64 with a SeedSequence of 4 words, such as env.np_random or numpy.random.default_rng"
 
 
 def from_numpy(generator: np.random.Generator) -> np.ndarray:
-    """A generator as the engine's struct `generator`; it draws and spawns the same from here on.
+    """Return a copy of a generator as the engine's struct `generator`; it draws and spawns the same from here on.
 
-    The record is a copy: what is drawn from it does not move `generator`.
+    Draws from the record do not advance `generator`.
 
     Raises:
-        InvalidValueError: For another bit generator than PCG64, or seeds that were mixed otherwise.
+        InvalidValueError: For another bit generator than PCG64, or a seed sequence of another kind or pool size.
     """
     bits = getattr(generator, "bit_generator", None)
     seeds = getattr(bits, "seed_seq", None)
@@ -45,13 +45,13 @@ def from_numpy(generator: np.random.Generator) -> np.ndarray:
 
 
 def to_numpy(record: np.ndarray | np.void) -> np.random.Generator:
-    """The generator that a record of the engine stands for; it draws and spawns the same from here on.
+    """Return the numpy generator of a record of the engine; it draws and spawns the same from here on.
 
-    Its `seed_seq.entropy` is the seed itself where that has up to 128 bits and the generator is nobody's child.
-    Elsewhere it is another seed that mixes to the same pool: every child is the same, too.
+    Its `seed_seq.entropy` is the original seed if that has up to 128 bits and the generator was not spawned. Otherwise
+    it is another seed with the same pool, so that every child is the same, too.
 
     Raises:
-        InvalidValueError: For a record that neither `from_numpy` nor the engine has made.
+        InvalidValueError: For a record that was made neither by `from_numpy` nor by the engine.
     """
     hash_, increment = int(record["hash"]), _wide(record, "increment")
     words = next((n for n in range(SEED_POOL, _MOST_WORDS) if _constant(4 * n) == hash_), 0)
@@ -72,7 +72,7 @@ def to_numpy(record: np.ndarray | np.void) -> np.random.Generator:
 
 
 def take_back(rng: np.random.Generator, record: np.ndarray | np.void) -> None:
-    """Let a generator of numpy go on where the library's, made of it by `from_numpy`, has come to."""
+    """Advance a numpy generator to the state of a record that was made from it by `from_numpy`."""
     bits, seeds = rng.bit_generator, rng.bit_generator.seed_seq
     state: Any = bits.state
     state["state"]["state"] = _wide(record, "state")
@@ -85,8 +85,8 @@ def _wide(record: np.ndarray | np.void, name: str) -> int:
     return int(record[f"{name}_high"]) * _WORDS + int(record[f"{name}_low"])
 
 
-def _count(seed: Any) -> int:  # noqa: ANN401 - whatever numpy takes: numbers, their text, sequences of either
-    """How many words of 32 bits a seed has."""
+def _count(seed: Any) -> int:  # noqa: ANN401 - numpy's seeds: numbers, their text, sequences of either
+    """Return the number of 32-bit words of a seed."""
     if isinstance(seed, str):
         seed = int(seed, 16 if seed.startswith("0x") else 10)
     if isinstance(seed, Iterable):
@@ -95,12 +95,12 @@ def _count(seed: Any) -> int:  # noqa: ANN401 - whatever numpy takes: numbers, t
 
 
 def _constant(steps: int) -> int:
-    """The constant of the mixing after a number of steps."""
+    """Return the constant of the mixing after a number of steps."""
     return SEED_START * pow(SEED_FACTOR, steps, _BITS) % _BITS
 
 
 def _seed(pool: list[int], words: int) -> int:
-    """The seed of 128 bits that mixes to a pool when zeros fill it up to `words` words: each step taken back."""
+    """Return the 128-bit seed that, padded with zeros to `words` words, mixes to a pool; inverts each step."""
     steps = 4 * words
 
     def stirred(word: int) -> int:

@@ -1,4 +1,4 @@
-"""Many robots in the library, on MuJoCo's threads: their memory, and how a job is run on them."""
+"""Many robots in the library on MuJoCo's threads: their memory, and jobs on them."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -20,7 +20,7 @@ from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.scene import TIMESTEP, scene
 
 MAX_THREADS = 256
-"""Threads of an engine at most."""
+"""Largest number of threads of an engine."""
 _POINTERS = (
     "world", "apply", "batch", "threads", "first", "copies", "stride", "copy_bytes", "thread_count", "piece_count",
     "own_copies", "job", "argument", "rules", "goals", "knots", "actions", "observations", "begun", "infos",
@@ -30,30 +30,30 @@ _POINTERS = (
 
 
 class Engine:
-    """Robots that are simulated alike, and the threads that carry them.
+    """Robots of one kind of simulation, and the threads that simulate them.
 
-    A robot is a record of `robots`, plain data: its bytes, and where robots differ in their masses or floors those of
-    its entry of `copies`, are all that there is of it.
+    A robot is a record of `robots`, plain data. Where robots differ in masses or floors, its entry of `copies` holds
+    its part of MuJoCo's model. These bytes are its complete state.
     """
 
     def __init__(
         self, struct: str, config: PlantConfig, robots: int, threads: int, *, alike: bool, floors: bool = False,
         models: Sequence[Any] | None = None,
     ) -> None:  # fmt: skip
-        """Make them, all of one configuration.
+        """Make the robots, all of one configuration.
 
         Args:
-            struct: What a robot is: `plant`, or a struct that begins with one.
-            config: The simulated robot.
-            robots: How many.
-            threads: How many threads, the caller's included.
-            alike: Whether they stay as they are configured here; else each has its own part of MuJoCo's model.
-            floors: Whether planes under them differ, as tiles always do.
-            models: MuJoCo's models, one for every thread; by default those of the described robot.
+            struct: Struct of a robot: `plant`, or a struct that begins with one.
+            config: Configuration of the simulated robots.
+            robots: Number of robots.
+            threads: Number of threads, the caller's included.
+            alike: Whether all robots keep this configuration; else each has its own part of MuJoCo's model.
+            floors: Whether robots may have different floor planes; tiles and boxes may always differ.
+            models: MuJoCo's models, one for each thread; by default those of the described robot.
 
         Raises:
-            InvalidValueError: For a number of robots or threads below 1, and for a delay that is too long.
-            SpidarError: Where MuJoCo makes no pool.
+            InvalidValueError: For fewer than 1 robot or thread, too many threads, or a delay that is too long.
+            SpidarError: Where MuJoCo cannot make a thread pool.
         """
         require_least(1, robots=robots, threads=threads)
         if threads > MAX_THREADS:
@@ -65,7 +65,7 @@ class Engine:
         robot = config.robot
         models = models or [scene(visual=False, uneven=uneven, boxed=boxed, robot=robot)] * threads
         self.simulations = [Simulation(model) for model in models]
-        if uneven or boxed:  # the bounding volumes of tiles and boxes are of where they were before
+        if uneven or boxed:  # the bounding volumes in the model are those of the original tiles and boxes
             for simulation in self.simulations:
                 simulation.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
         self.rooms = [Room(self.library, robot) for _ in range(threads)]
@@ -82,12 +82,12 @@ class Engine:
         self._names = names
         self.robot, self._pieces, self._world = robot, pieces, world(uneven, boxed, robot)
         self.turn = turn.Turn()
-        """Orders the calls into the library, their end, and what they find at the addresses in `record`."""
+        """Serialises calls into the library, closing, and changes of the arrays that `record` points to."""
         self._pool = Pool(robots, threads)
         self.record = np.zeros((), np.dtype([(name, np.uint64) for name in _POINTERS]))
         """`sp_engine`."""
         self.address = pointer(self.record)
-        """Where it is for the library."""
+        """Pointer to `record`."""
         self._kept: dict[str, np.ndarray] = {}
         self.seconds = 0.0
         """Wall time of all jobs so far [s]."""
@@ -113,12 +113,12 @@ class Engine:
             self.robots[1:] = self.robots[0]
 
     def _use_pool(self) -> None:
-        """Let the library have the pool's threads, none of which has been at work yet."""
+        """Register the pool, whose threads have not run yet, in the library's records."""
         self.record["apply"], self.record["batch"] = self._pool.apply, self._pool.address
         self._threads[:, -3:] = 0  # seat, busy, carries of `sp_thread`
 
     def _open(self) -> None:
-        """Make threads anew in a forked process; raise where they are stopped."""
+        """Raise if the threads are stopped; make a new pool in a forked process."""
         if not self._pool.address:
             raise closed()
         if self._pool.process != turn.process:
@@ -126,7 +126,7 @@ class Engine:
             self._use_pool()
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy is made of: numbers, and no address (`SpidarError` where the threads are stopped)."""
+        """Return the state of a copy, without addresses (`SpidarError` where the threads are stopped)."""
         with self.turn.lock:
             self._open()
             models = [simulation.model for simulation in self.simulations]  # their gravity may have been changed
@@ -134,7 +134,7 @@ class Engine:
         return {"version": version(), "made": self._made, "models": models, "robots": robots, "copies": copies}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Become a copy with a memory of its own (`SpidarError` for one of another version)."""
+        """Restore a copy with its own memory (`SpidarError` for a state of another version)."""
         require_version("copied robots", state["version"])
         struct, config, robots, threads, alike, floors = state["made"]
         self.__init__(struct, config, robots, threads, alike=alike, floors=floors, models=state["models"])
@@ -143,22 +143,22 @@ class Engine:
         self.forget_copies()
 
     def configure(self, configs: np.ndarray, ids: np.ndarray | None = None, *, goes_on: bool = False) -> None:
-        """Let robots become others.
+        """Apply configurations to robots.
 
         Args:
             configs: Records of `sp_plant_config`, one for every robot.
-            ids: Whose count, all if not given.
-            goes_on: Whether their episodes go on as these others.
+            ids: Robots that are configured; all if not given.
+            goes_on: Whether their episodes continue with the new configuration.
         """
         with self.turn.lock:
             self.forget_copies()
             self.run("sp_change_plants" if goes_on else "sp_configure_plants", ids, configs)
 
     def fault_of_copies(self, copies: np.ndarray) -> str:
-        """What of parts of MuJoCo's model is none of its numbers, in words; empty where nothing is.
+        """Describe the first array in parts of MuJoCo's model with invalid numbers; return "" if all are valid.
 
         Args:
-            copies: As `copies`, of other robots than there are here.
+            copies: Array like `copies`, of any number of robots.
         """
         for name, (_, size, at) in zip(self._names, self._pieces[0].tolist(), strict=True):
             values = copies[:, at : at + size].view(getattr(self.simulations[0].model, name).dtype)
@@ -168,12 +168,12 @@ class Engine:
         return ""
 
     def forget_copies(self) -> None:
-        """No thread carries a part of a model any more: for who has written `copies`."""
+        """Mark the models of all threads as outdated; required after `copies` was written."""
         with self.turn.lock:
             self._threads[:, -1] = 0
 
     def share(self, name: str, array: np.ndarray) -> None:
-        """Let the engine have an array as one of its members."""
+        """Set a pointer member of `sp_engine` to an array, and keep the array alive."""
         with self.turn.lock:
             self._kept[name] = array
             self.record[name] = array.ctypes.data
@@ -190,13 +190,13 @@ class Engine:
 
         Args:
             job: Name of its function.
-            ids: Which robots in rising order, all if not given.
-            argument: What it takes, an entry for every robot.
-            at_once: How many robots a thread has before Ctrl-C is answered, after which the rest is as it was; all if
-                not given: it is answered when the job is done.
+            ids: Robots in rising order; all if not given.
+            argument: Array argument of the function, one entry per robot.
+            at_once: Number of robots per thread between two checks for Ctrl-C. After an interrupt the remaining robots
+                are unchanged. If not given, Ctrl-C is handled after the whole job.
 
         Returns:
-            Robots that MuJoCo gave up in it: theirs is undone or half done.
+            Robots for which MuJoCo failed; their job is not done, or only in part.
 
         Raises:
             SpidarError: Where the threads are stopped.
@@ -212,9 +212,9 @@ class Engine:
             arguments = [] if argument is None else [pointer(argument)]
             where = None if chosen is None else pointer(chosen)
             began = time.perf_counter()
-            gave_up = getattr(self.library, job)(self.address, where, count, *arguments)
+            failures = getattr(self.library, job)(self.address, where, count, *arguments)
             self.seconds += time.perf_counter() - began
-            if not gave_up:
+            if not failures:
                 return ()
             failed = self._pool.failed
             return (failed if chosen is None else np.intersect1d(failed, chosen)).tolist()
@@ -223,8 +223,8 @@ class Engine:
         """Call a function of the library on the calling thread.
 
         Args:
-            function: Its name.
-            arguments: What it takes.
+            function: Name of the function.
+            arguments: Its arguments.
 
         Raises:
             SpidarError: Where the threads are stopped.
@@ -234,19 +234,19 @@ class Engine:
             getattr(self.library, function)(*arguments)
 
     def words(self, robot: int) -> str:
-        """Why MuJoCo gave a robot up, in one line."""
+        """Return MuJoCo's error message for a robot, in one line."""
         with self.turn.lock:
             self._open()
             return " ".join(self._pool.words(robot).split())
 
     def close(self) -> None:
-        """Stop the threads once their job is done; a second call does nothing."""
+        """Stop the threads after their present job; a second call has no effect."""
         with self.turn.lock:
             self._pool.close()
 
 
 def check_delay(config: PlantConfig) -> None:
-    """Refuse a delay with more commands on their way than there is room for (`InvalidValueError`)."""
+    """Raise `InvalidValueError` for a delay with more pending commands than `MAX_PENDING` allows."""
     longest = (MAX_PENDING - 2) * config.substeps * TIMESTEP
     delay = config.actuators.delay + config.actuators.vectoring_delay
     if not delay <= longest:

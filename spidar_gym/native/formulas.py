@@ -1,7 +1,7 @@
-"""The engine's formulas one at a time, for readers, plots and tests: the air, the weather, power and voltage.
+"""The engine's formulas as single functions, for plots and tests: air, weather, power and voltage.
 
-They are the very functions that fly: `spidar_gym/native/engine/` has the equations. `tests/reference/` says each of
-them once more in NumPy.
+They call the functions that the simulation uses; `spidar_gym/native/engine/` has the equations. `tests/reference/`
+implements each of them in NumPy.
 """
 
 import ctypes
@@ -26,7 +26,7 @@ from spidar_gym.sim.disturbances import Disturbances
 
 @cache
 def _formula(name: str, inputs: int) -> Any:  # noqa: ANN401 - numbers, or arrays of any shape
-    """A function of the library from numbers to a number, over arrays."""
+    """Return a function of the library from numbers to a number, vectorised over arrays."""
     function = load_core()[name]
     function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double] * inputs
     return np.frompyfunc(function, inputs, 1)
@@ -34,7 +34,7 @@ def _formula(name: str, inputs: int) -> Any:  # noqa: ANN401 - numbers, or array
 
 @cache
 def _function(name: str, result: Any = None) -> Any:  # noqa: ANN401 - of ctypes
-    """A function of the library that takes pointers and numbers."""
+    """Return a function of the library that takes pointers and numbers."""
     function = load_core()[name]
     function.restype = result
     return function
@@ -48,29 +48,29 @@ def jet_profile(
     core_length: float,
     radius: float = ROBOT.propeller_radius,
 ) -> np.ndarray:
-    """Speed of the air in a ducted jet [m/s]; zero upstream of 1 cm behind the exit.
+    """Compute the speed of the air in a ducted jet [m/s]; zero upstream of 1 cm behind the exit.
 
     A core of the exit speed w shrinks to a point over `core_length` diameters inside a Gaussian shear layer, whose
     width follows from ∫ρ u² dA = T at every s; beyond the core the jet spreads and slows down with 1/s.
 
     Args:
-        s: Distance from the exit along the jet [m]; it, r and w broadcast.
+        s: Distance from the exit along the jet [m]; s, r and w broadcast.
         r: Distance from the axis [m].
         w: Speed at the exit, √(T / (ρ A)) [m/s].
-        core_length: In diameters.
+        core_length: Length of the core [diameters].
         radius: Radius R of the exit [m].
     """
     return np.asarray(_formula("sp_jet_profile", 5)(s, r, w, core_length, radius), float)
 
 
 def thrust_factor(inflow: np.ndarray | float, *, zero_thrust_speed: float) -> np.ndarray:
-    """Thrust over the thrust at rest, of a duct whose motor keeps its speed, within 0 … 1.3.
+    """Compute the thrust over the thrust at rest, of a duct whose motor keeps its speed, within 0 … 1.3.
 
-    Linear-lift blade element T = K (V_z − V_d) with the duct's momentum balance T = ρ A V_e (V_e − V): with
+    Linear-lift blade element T = K (V_z − V_d) with the duct's momentum balance T = ρ A V_e (V_e − V). With
     μ = V / w, ε = V_e / w, χ = V_z / w: ε = ½ [(μ − g) + √((μ − g)² + 4 χ g)], g = 1 / (χ − 1), τ = ε (ε − μ).
 
     Args:
-        inflow: μ, mean axial speed of the air that comes down on the disc over the jet speed w at rest.
+        inflow: μ, mean axial speed of the air flowing down onto the disc over the jet speed w at rest.
         zero_thrust_speed: χ.
     """
     return np.asarray(_formula("sp_thrust_factor", 2)(inflow, zero_thrust_speed), float)
@@ -78,7 +78,7 @@ def thrust_factor(inflow: np.ndarray | float, *, zero_thrust_speed: float) -> np
 
 @dataclass(frozen=True, slots=True)
 class AirForces:
-    """What the air did at one evaluation."""
+    """Result of one evaluation of the air."""
 
     generalized: Float[np.ndarray, " nv"]
     """Generalised force [N, Nm] for `qfrc_applied`."""
@@ -100,16 +100,16 @@ def evaluate_air(
     config: AeroConfig | None = None,
     robot: RobotSpec = ROBOT,
 ) -> AirForces:
-    """Forces of the air on a robot whose kinematics are done.
+    """Evaluate the forces of the air on a robot whose kinematics are up to date.
 
     Args:
-        simulation: Of a scene of the robot; positions and velocities are read of its `data`.
-        thrust: What the modules' motors deliver in still air [N].
+        simulation: Simulation of a scene of the robot; positions and velocities are read from its `data`.
+        thrust: Thrust of the modules in still air [N].
         wind_w: Velocity of the air far away, world [m/s].
         noise: Thrust noise of each module [N].
         push_w: Force of a push at the torso's centre, world [N].
         config: Parameters of the air.
-        robot: Whose scene it is.
+        robot: Robot of the scene.
     """
     layouts = engine_layouts()
     parameters, found = np.zeros((), layouts["aero_config"]), np.zeros((), layouts["air"])
@@ -126,10 +126,10 @@ def evaluate_air(
 
 
 class Weather:
-    """Wind and pushes of an episode as they unfold."""
+    """State of wind and pushes in an episode."""
 
     def __init__(self, disturbances: Disturbances, rng: np.random.Generator) -> None:
-        """Draw the weather at the start of an episode; `rng` goes on as if NumPy had drawn."""
+        """Draw the weather at the start of an episode; advances `rng` as draws in NumPy would."""
         layouts = engine_layouts()
         self._record, self._disturbances = np.zeros((), layouts["weather"]), np.zeros((), layouts["disturbances"])
         fill(self._disturbances, disturbances)
@@ -138,7 +138,7 @@ class Weather:
         take_back(rng, generator)
 
     def advance(self, time: float, dt: float, rng: np.random.Generator) -> None:
-        """Let `dt` [s] pass until `time` [s]: w ← w e^{−V dt/L} + σ √(1 − e^{−2 V dt/L}) n, V = max(wind, 1 m/s)."""
+        """Advance by `dt` [s] to `time` [s]: w ← w e^{−V dt/L} + σ √(1 − e^{−2 V dt/L}) n, V = max(wind, 1 m/s)."""
         generator = from_numpy(rng)
         times = ctypes.c_double(time), ctypes.c_double(dt)
         advance = _function("sp_advance_weather")
@@ -157,12 +157,12 @@ class Weather:
 
     @property
     def push_w(self) -> Vector3:
-        """Force of the push that is on now [N]."""
+        """Force of the present push [N]."""
         return self._record["push_w"].copy()
 
 
 def thrust_noise(noise: RotorVector, sigma: float, dt: float, rng: np.random.Generator) -> RotorVector:
-    """The next sample of the modules' noise, first order, of standard deviation `sigma` [N], `dt` [s] later."""
+    """Draw the next sample of the modules' noise, first order, of standard deviation `sigma` [N], `dt` [s] later."""
     after, generator = np.array(noise, float), from_numpy(rng)
     _function("sp_advance_noise")(pointer(after), ctypes.c_double(sigma), ctypes.c_double(dt), pointer(generator))
     take_back(rng, generator)
@@ -170,10 +170,10 @@ def thrust_noise(noise: RotorVector, sigma: float, dt: float, rng: np.random.Gen
 
 
 def electrical_power(thrust: RotorVector, joint_torque: JointVector, joint_velocity: JointVector) -> float:
-    """Electrical power [W]: P = P_b + Σ c λ^1.5 + Σ max(τ q̇, 0) / η + Σ k τ².
+    """Compute the electrical power [W]: P = P_b + Σ c λ^1.5 + Σ max(τ q̇, 0) / η + Σ k τ².
 
     Args:
-        thrust: What the motors work for, in still air [N].
+        thrust: Thrust of the modules in still air [N].
         joint_torque: Torque of the joint servos [Nm].
         joint_velocity: q̇ [rad/s].
     """
@@ -182,10 +182,10 @@ def electrical_power(thrust: RotorVector, joint_torque: JointVector, joint_veloc
 
 
 def voltage(energy_wh: float, power: float) -> float:
-    """Voltage of a pack [V] after `energy_wh` [Wh] at a load of `power` [W]: linear in the charge, minus the sag."""
+    """Compute the voltage of a pack [V] after `energy_wh` [Wh] at a load of `power` [W]: linear, minus the sag."""
     return float(_formula("sp_voltage", 2)(energy_wh, power))
 
 
 def max_thrust(volts: float) -> float:
-    """Largest thrust of a module at a voltage [N]: 31.8 N at 22.2 V, 40.5 N at 25.2 V [JSK]."""
+    """Compute the largest thrust of a module at a voltage [N]: 31.8 N at 22.2 V, 40.5 N at 25.2 V [JSK]."""
     return float(_formula("sp_battery_thrust", 1)(volts))

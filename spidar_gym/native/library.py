@@ -1,4 +1,4 @@
-"""The onboard core behind the controllers' own interface: `control="core"` flies what is compiled for the robot."""
+"""Loads the compiled library and wraps the onboard core's structs, for `control="core"`."""
 
 import ctypes
 import hashlib
@@ -26,46 +26,46 @@ from spidar_gym.robot import N_LEGS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
 
 BUILD = "spidar assets"
-"""Command that brings the generated C and the compiled library up to date."""
+"""Command that updates the generated C and the compiled library."""
 STATUS = tuple(AllocationStatus)
-"""How a tick was answered, in the order of the core's own words."""
+"""Outcomes of a tick's allocation, in the order of the core's enumeration."""
 
 
 def core_path() -> Path:
-    """Where the compiled library lies: `SPIDAR_CORE`, or in the package, where installing puts it."""
+    """Return the path of the compiled library: `SPIDAR_CORE`, or the installed one in the package."""
     given = os.environ.get("SPIDAR_CORE")
     return Path(given) if given else NATIVE / LIBRARY
 
 
 @cache
 def expected_digest() -> str:
-    """Digest that a library has to answer with: of this package's structs, constants and C sources."""
+    """Return the digest that a library must report: that of this package's structs, constants and C sources."""
     headers = {name: text.encode() for name, text in shared_headers().items()}
     return library_digest(headers)
 
 
 def version() -> str:
-    """What has to be the same where bytes of the library's structs are to go on."""
+    """Return the version on which bytes of the library's structs depend."""
     return f"{expected_digest()[:16]}, MuJoCo {mujoco.__version__}"
 
 
 def require_version(what: str, found: object) -> None:
-    """Raise `SpidarError` for bytes of the library's structs that another version wrote."""
+    """Raise `SpidarError` for bytes of the library's structs from another version."""
     if found != version():
         raise SpidarError(f"the {what} are of another version: {found}; valid here: {version()}")
 
 
 def write(array: np.ndarray, content: bytes) -> None:
-    """Let an array be what its `tobytes` gave: where it lies for the library, it stays."""
+    """Overwrite an array in place with the bytes of its `tobytes`."""
     array[...] = np.frombuffer(content, array.dtype).reshape(array.shape)
 
 
 def load_core() -> ctypes.CDLL:
-    """The compiled library, one for the whole process: nothing in it is written.
+    """Return the compiled library, one per process; it has no writable data.
 
     Raises:
         MissingDependencyError: When it is not compiled.
-        StaleAssetError: When it is damaged, or was compiled of other sources.
+        StaleAssetError: When it is damaged, or was compiled from other sources.
         SpidarError: When it cannot be read or loaded here.
     """
     path = core_path()
@@ -85,28 +85,28 @@ def load_core() -> ctypes.CDLL:
 
 @cache
 def _load(path: Path, version: tuple[int, ...]) -> ctypes.CDLL:
-    """Load a file after a look at its content; what the system has loaded under a name stays until the process ends."""
+    """Check a file's seal and load it; the system keeps a loaded library until the process ends."""
     data = path.read_bytes()
-    if hashlib.sha256(data[:-SEAL]).digest() != data[-SEAL:]:  # half a library is a bus error
+    if hashlib.sha256(data[:-SEAL]).digest() != data[-SEAL:]:  # loading half a library ends in a bus error
         raise StaleAssetError(path, BUILD, "is damaged")
     try:
         library = ctypes.CDLL(str(path))
-    except OSError as error:  # of another processor, or where programs may not lie
+    except OSError as error:  # for another processor, or in a folder with noexec
         raise SpidarError(f"{error}; valid: the file that `{BUILD}` writes, a folder without noexec") from error
     library.sp_interface.restype = ctypes.c_char_p
     return library
 
 
 class Closed:
-    """What is left of the library where a controller is closed."""
+    """Stands in for the library of a closed controller."""
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - never
-        """None of its functions."""
+        """Raise the error of a closed object."""
         raise closed()
 
 
 def pointer(array: np.ndarray) -> ctypes.c_void_p:
-    """Where an array's numbers lie; the array has to outlive it."""
+    """Return a pointer to an array's data; the array must outlive the pointer."""
     return ctypes.c_void_p(array.__array_interface__["data"][0])  # a third of the time of `array.ctypes`
 
 
@@ -118,7 +118,7 @@ class Struct:
     """One of the core's structs, and a view of each of its members."""
 
     def __init__(self, name: str, record: np.ndarray | None = None) -> None:
-        """Make one, or look at one inside another."""
+        """Make a struct, or view one inside another."""
         self.name, self.record = name, np.zeros((), core_layouts()[name]) if record is None else record
         self.pointer = pointer(self.record)
         self.views: dict[str, np.ndarray] = {n: self.record[n] for n in self.record.dtype.names or ()}
@@ -128,21 +128,21 @@ class Struct:
         return self.views[name]
 
     def inner(self, member: str, name: str) -> "Struct":
-        """A struct inside this one."""
+        """Return a view of a struct inside this one."""
         return Struct(name, self.views[member])
 
     def load(self, value: object) -> None:
-        """Write a dataclass of numbers and arrays with the same names into it."""
+        """Copy a dataclass of numbers and arrays with the same names into the struct."""
         for name, view in self.views.items():
             given = getattr(value, name)
             view[...] = given.reshape(view.shape) if isinstance(given, np.ndarray) else given
 
 
 class Room:
-    """What a thread works in: the robot's numbers, solvers of its own, room for linear algebra."""
+    """Workspace of a thread (`sp_room`): the robot's numbers, solvers, scratch memory for linear algebra."""
 
     def __init__(self, library: ctypes.CDLL, spec: RobotSpec = ROBOT) -> None:
-        """Make one for a robot."""
+        """Make a workspace for a robot."""
         size, programs = library.sp_solvers_size(), (len(PROGRAMS),)
         self._solvers = np.zeros(size // 64 + 1, "V64")
         self._robot = robot(spec)
@@ -153,10 +153,10 @@ class Room:
 
 
 class LastCommand:
-    """What the core remembers of the last command: arrays that show what is there now."""
+    """The last command in the core's memory, as views."""
 
     def __init__(self, memory: Struct) -> None:
-        """Look at it in a struct of the core's memory."""
+        """View the last command in a struct of the core's memory."""
         self.vectoring = memory["vectoring"].reshape(N_ROTORS, 2)
         self.forces_l = memory["forces_l"].reshape(N_ROTORS, 3)
         self.joint_position = memory["joint_position"]
@@ -166,17 +166,17 @@ M = TypeVar("M", bound=LastCommand)
 
 
 class Core(Generic[M]):
-    """What flight and crawl share: the library, a room, the structs that cross the border."""
+    """Common part of flight and crawl: the library, a workspace, structs shared with the core."""
 
     config: Any
-    """What was chosen about the controller."""
+    """Configuration of the controller."""
     memory: M
-    """What the core remembers: views of it."""
+    """Views of the controller's state in the core."""
     whole: Struct
-    """All that it remembers, and what was chosen."""
+    """The controller's struct: state and configuration."""
 
     def __init__(self, model: Model | None, room: Room | None = None) -> None:
-        """Make a room of its own, or work in somebody else's, which is of the same robot."""
+        """Load the library; make a workspace, or use a given one for the same robot."""
         self.model = model or Model()
         self.library: Any = load_core()
         self.room = Room(self.library, self.model.robot) if room is None else room
@@ -187,48 +187,48 @@ class Core(Generic[M]):
         self._last_step: Any = None
 
     def forget(self) -> None:
-        """The engine goes on with what this looks at: what was read of the last tick is past, and nobody timed it."""
+        """Discard what was read of the last tick, after the engine has advanced the viewed controller."""
         self._last_step, self._solve_time = None, float("nan")
 
     def close(self) -> None:
-        """Nothing can be asked of it any more."""
+        """Release the library; later calls raise an error."""
         self.library = Closed()
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy is made of, with a memory of its own (`SpidarError` where it is closed)."""
+        """Return the state of a copy, which has its own memory (`SpidarError` where this is closed)."""
         if isinstance(self.library, Closed):
             raise closed()
         return {"version": version(), "made": (self.config, self.model), "memory": self.remembered()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Become a copy (`SpidarError` for one of another version)."""
+        """Restore a copy (`SpidarError` for a state of another version)."""
         require_version("copied controller", state["version"])
         self.__init__(*state["made"])
         self.recall(state["memory"])
 
     def remembered(self) -> dict[str, Any]:
-        """All that it remembers, by name."""
+        """Return the controller's state by name."""
         return {"record": self.whole.record.tobytes()}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Remember what was `remembered` at another time."""
+        """Restore a state that `remembered` returned."""
         write(self.whole.record, memory["record"])
         self._last_step = None
 
     def fault_of(self, memory: Mapping[str, Any]) -> str:
-        """What of a memory of this kind cannot be, in words; empty where nothing is wrong."""
+        """Describe what is invalid in a state that `remembered` returned; return "" if it is valid."""
         own, record = self.whole, np.frombuffer(memory["record"], self.whole.record.dtype)
         config = {"flight": "controller_config", "crawl": "crawler_config", "manager": "manager_config"}[own.name]
         return limits.fault_of(own.name, record) or limits.differs(config, record["config"], own["config"])
 
     def write_state(self, state: RobotState) -> None:
-        """Give a state to the core; the one that it has already is not written again."""
+        """Write a state for the core, unless it is the last one written."""
         if state is not self._seen:
             self._state.load(state)
             self._seen = state
 
     def residual_pointer(self, residual: Residual) -> ctypes.c_void_p | None:
-        """Where a residual lies for the core; nowhere if there is none."""
+        """Write a residual for the core and return its pointer; None for `NO_RESIDUAL`."""
         if residual is NO_RESIDUAL:
             return None
         views = self._residual.views
@@ -243,14 +243,14 @@ class Core(Generic[M]):
         return self._residual.pointer
 
     def set_last_command(self, command: Command) -> None:
-        """Remember a command that somebody else gave."""
+        """Store a command from elsewhere as the last command."""
         memory = self.memory
         memory.vectoring[:] = command.vectoring
         memory.forces_l[:] = vectoring_to_force(command.thrust, command.vectoring)
         memory.joint_position[:] = command.joint_position
 
     def _tick(self, function: Any, *arguments: ctypes.c_void_p | None) -> Command:  # noqa: ANN401 - of the library
-        """Call the step; its command."""
+        """Call a step function of the core and return its command."""
         start, c = time.perf_counter(), self._command
         function(*arguments, c.pointer)
         self._solve_time, self._last_step = time.perf_counter() - start, None
@@ -261,7 +261,7 @@ class Core(Generic[M]):
 
 
 def read_allocation(struct: Struct, solve_time: float) -> Allocation:
-    """The core's answer; its arrays are views."""
+    """Return the core's allocation; its arrays are views."""
     return Allocation(
         forces_l=struct["forces_l"].reshape(N_ROTORS, 3),
         foot_forces_f=struct["foot_forces_f"].reshape(N_LEGS, 3),

@@ -1,7 +1,7 @@
-"""What bytes from outside are held to before the library has them: bounds of numbers, and how they fit together.
+"""Validates bytes from outside before the library uses them: bounds of numbers, and relations between numbers.
 
-Bounds stand in the tables that the structs are made of; a whole number without any is an error here, so that no member
-can be forgotten. What is settled where a controller is made is held to what was settled there.
+The tables of the structs define the bounds. An integer without bounds is an error, so that no member can be forgotten.
+The configuration of a controller must equal that of the controller which the bytes are loaded into.
 """
 
 import operator
@@ -27,16 +27,16 @@ from spidar_gym.native.structs import USUAL, Bounds, CStruct, border_structs
 from spidar_gym.sim.ground import BOXES
 
 _GROUND = PROGRAMS.index("rest")
-"""The first program of the crawl."""
+"""Index of the first program of the crawl."""
 FARTHEST = 1e12
-"""Positions and velocities have diverged where the sum of their squares is larger; as in `sp_plant_step`."""
+"""Sum of squared positions and velocities above which a robot has diverged; as in `sp_plant_step`."""
 
 
 class Numbers(NamedTuple):
-    """Numbers of a kind in a struct."""
+    """Numbers of one kind in a struct."""
 
     at: np.ndarray
-    """Bytes to each."""
+    """Byte offset of each."""
     low: np.ndarray
     """Least value of each."""
     high: np.ndarray
@@ -51,13 +51,13 @@ def _tables() -> dict[str, CStruct]:
 
 @cache
 def _words() -> dict[str, Bounds]:
-    """Least and largest number of every enumeration."""
+    """Return the least and largest number of every enumeration."""
     found = (*ENUMERATIONS.values(), *ENGINE_ENUMERATIONS)
     return {each.name: (min(each.numbers.values()), max(each.numbers.values())) for each in found}
 
 
 def _members(struct: str) -> Iterator[tuple[str, str, Any]]:
-    """Name and kind of each member of a struct, and its bounds, None where nothing is said of them."""
+    """Yield name, kind and bounds of each member of a struct; bounds are None where the table has none."""
     for names, kind, _, _, *given in _tables()[struct].rows:
         stated: Any = given[0] if given else _words().get(kind)
         each = isinstance(stated, tuple) and any(isinstance(part, tuple | str) for part in stated)
@@ -68,10 +68,10 @@ def _members(struct: str) -> Iterator[tuple[str, str, Any]]:
 
 @cache
 def numbers_of(struct: str) -> dict[str, Numbers]:
-    """All numbers of a struct and of those in it, by numpy's name of their kind.
+    """Return all numbers of a struct and of its nested structs, by numpy's name of their kind.
 
     Raises:
-        LookupError: For a whole number whose bounds its table does not state.
+        LookupError: For an integer whose table has no bounds.
     """
     found: dict[str, list[tuple[np.ndarray, ...]]] = {}
     layout: Any = engine_layouts()[struct].fields
@@ -84,7 +84,7 @@ def numbers_of(struct: str) -> dict[str, Numbers]:
                 found.setdefault(inner, []).append((places, *(np.tile(each, len(starts)) for each in own[1:])))
             continue
         if bounds is None and member.base.kind != "f":
-            raise LookupError(f"{struct}.{name} is a whole number without bounds")
+            raise LookupError(f"{struct}.{name} is an integer without bounds")
         own = np.dtype("u1") if member.base.kind == "b" else member.base
         low, high = bounds or USUAL
         if own.kind != "f":
@@ -95,7 +95,7 @@ def numbers_of(struct: str) -> dict[str, Numbers]:
 
 
 def member_at(struct: str, at: int) -> str:
-    """Name of the member at which so many bytes of a struct lead."""
+    """Return the name of the member at a byte offset in a struct."""
     fields: Any = engine_layouts()[struct].fields
     for name, kind, _ in _members(struct):
         member, begin = fields[name][:2]
@@ -107,26 +107,26 @@ def member_at(struct: str, at: int) -> str:
 
 
 def _seen(records: np.ndarray, kind: str) -> np.ndarray:
-    """Records as if there were only numbers of a kind in them, (robots, numbers)."""
+    """View records as numbers of one kind, (robots, numbers)."""
     content = np.ascontiguousarray(records).reshape(-1).view(np.uint8)
     return content.reshape(-1, records.dtype.itemsize).view(kind)
 
 
 def fault_of(struct: str, records: np.ndarray) -> str:
-    """What of records is outside its bounds or does not fit together, in words; empty where nothing is.
+    """Describe the first invalid number or relation in records; return "" if all are valid.
 
-    What MuJoCo and the sensors make of a robot that has diverged may be any number.
+    Results of MuJoCo and the sensors may be any number for a robot that has diverged.
 
     Args:
-        struct: Without `sp_`.
-        records: Of that struct, of any shape.
+        struct: Name of the struct without `sp_`.
+        records: Records of that struct, of any shape.
     """
     records = records.reshape(-1)
     if not records.size:
         return ""
     for kind, own in numbers_of(struct).items():
         seen, at = _seen(records, kind), own.at // np.dtype(kind).itemsize
-        # Least and largest of each number first: that is a fifth of the time.
+        # Check the least and largest of each number first, which takes a fifth of the time.
         least, largest = (edge(axis=0)[at] for edge in (seen.min, seen.max))
         if ((least >= own.low) & (largest <= own.high)).all():
             continue
@@ -146,7 +146,7 @@ def fault_of(struct: str, records: np.ndarray) -> str:
 
 
 def _may_be_anything(struct: str, records: np.ndarray, kind: str, at: np.ndarray) -> np.ndarray:
-    """Which numbers are what became of a robot that has diverged, (robots, numbers)."""
+    """Return which numbers may have any value as their robot has diverged, (robots, numbers)."""
     plant, begin = engine_layouts()["plant"], 0
     if kind != "f8":
         return np.zeros((len(records), len(at)), bool)
@@ -161,13 +161,13 @@ def _may_be_anything(struct: str, records: np.ndarray, kind: str, at: np.ndarray
 
 
 def differs(struct: str, records: np.ndarray, settled: np.ndarray, kinds: tuple[str, ...] = ()) -> str:
-    """Which member of records is another than was settled, empty where none is.
+    """Return the first member of records that differs from the expected one, or "" if none does.
 
     Args:
-        struct: Without `sp_`.
-        records: Of that struct, (robots,).
-        settled: What they are held to, one for all or one for each.
-        kinds: Kinds of numbers that count, all if not given.
+        struct: Name of the struct without `sp_`.
+        records: Records of that struct, (robots,).
+        settled: Expected records, one for all or one for each.
+        kinds: Kinds of numbers that are compared; all if not given.
     """
     for kind, own in numbers_of(struct).items():
         if kinds and kind not in kinds:
@@ -179,15 +179,15 @@ def differs(struct: str, records: np.ndarray, settled: np.ndarray, kinds: tuple[
     return ""
 
 
-# ---- how numbers fit together ----
+# ---- relations between numbers ----
 
 Fits = Callable[[Any], Any]
-"""Which records fit."""
+"""Function that returns which records are valid."""
 
 
 @cache
 def _relations(struct: str) -> list[tuple[tuple[str, ...], str, Fits]]:
-    """What holds of a struct and of those in it: names that lead there, words, and whether it does."""
+    """Return the relations of a struct and of its nested structs: path of names, error message, check."""
     found = [((), words, fits) for words, fits in RELATIONS.get(struct, ())]
     for name, kind, _ in _members(struct):
         if kind in _tables() and not engine_layouts()[struct][name].shape:
@@ -197,7 +197,7 @@ def _relations(struct: str) -> list[tuple[tuple[str, ...], str, Fits]]:
 
 @cache
 def _modes() -> np.ndarray:
-    """A row for every program: whether feet carry, unknowns, rows, kinds of its blocks of rows."""
+    """Return a row for every program: `feet_carry`, unknowns, rows, kinds of its blocks of rows."""
     found = []
     for mode in program_modes().values():
         rows = [ROWS.index(type(each)) + 1 for each in mode.constraints]
@@ -207,14 +207,14 @@ def _modes() -> np.ndarray:
 
 
 def _are_modes(modes: Any, kinds: Any) -> Any:  # noqa: ANN401 - numpy's records
-    """Whether modes of the allocation are those of some kinds: what they say is how far the solver writes."""
+    """Return whether allocation modes match their kinds, as their sizes determine how far the solver writes."""
     sizes = np.stack([modes["feet_carry"], modes["n"], modes["m"]], axis=-1)
     given = np.concatenate([sizes, modes["rows"]["kind"]], axis=-1)
     return (modes["kind"] == kinds) & (given == _modes()[kinds]).all(axis=-1)
 
 
 def _is_in_a_phase(gait: Any) -> Any:  # noqa: ANN401 - numpy's records
-    """Whether a gait is where its present step can be."""
+    """Return whether a gait's phase belongs to its present step."""
     longest = max(map(len, STEPS.values()))
     words = list(ENUMERATIONS["phase"].words)
     phases = np.array([[*map(words.index, each), *[-1] * (longest - len(each))] for each in STEPS.values()])
@@ -224,13 +224,13 @@ def _is_in_a_phase(gait: Any) -> Any:  # noqa: ANN401 - numpy's records
 
 
 def _is_on_a_path(manager: Any) -> Any:  # noqa: ANN401 - numpy's records
-    """Whether a manager has the path that it is on."""
+    """Return whether a manager in a moving phase has a path."""
     moving = [orders.PHASES.index(word) for word in ("climb", "hover", "form", "fly")]
     return (manager["knot_count"] > 0) | ~np.isin(manager["memory"]["phase"], moving)
 
 
 def _has_room(course: Any) -> Any:  # noqa: ANN401 - numpy's records
-    """Whether there are as many boxes as a course is built of, and as many tiles as it has heights."""
+    """Return whether the boxes and tiles of a course fit into the arrays."""
     course_gates = course["gates"]
     kind, counts = course_gates["kind"], np.arange(gates.MAX_GATES) < course["count"][:, None]
     rows = np.rint((course_gates["end"] - course_gates["begin"]) / gates.ROW)
@@ -241,18 +241,18 @@ def _has_room(course: Any) -> Any:  # noqa: ANN401 - numpy's records
 
 
 def _draws(generator: Any) -> Any:  # noqa: ANN401 - numpy's records
-    """Whether a stream of random numbers goes on: one with an even increment may come back to where it was."""
+    """Return whether a random stream has an odd increment; with an even one its period is short."""
     return generator["increment_low"] & 1 == 1
 
 
 def _is_set(generator: Any) -> Any:  # noqa: ANN401 - numpy's records
-    """Whether there is a stream at all: a robot without noise and weather may have none."""
+    """Return whether a random stream exists; a robot without noise and weather may have none."""
     words = ("state_high", "state_low", "increment_high", "increment_low")
     return reduce(operator.or_, (generator[word] for word in words)) != 0
 
 
 def _is_somewhere(plant: Any) -> Any:  # noqa: ANN401 - numpy's records
-    """Whether a robot has not diverged, or says so, and its time is not before the reset."""
+    """Return whether a robot's state is finite at a time ≥ 0, or the robot is marked as diverged."""
     row = plant["row"]
     with np.errstate(over="ignore", invalid="ignore"):
         near = (row[:, 1 : 2 + 2 * N_DOFS] ** 2).sum(axis=1) < FARTHEST
@@ -261,33 +261,33 @@ def _is_somewhere(plant: Any) -> Any:  # noqa: ANN401 - numpy's records
 
 RELATIONS: dict[str, tuple[tuple[str, Fits], ...]] = {
     "plant": (
-        ("row is nowhere", _is_somewhere),
+        ("row has diverged or has a negative time", _is_somewhere),
         ("is_stuck without a lost rotor", lambda p: (p["is_stuck"] == 0) | (p["disturbances"]["lost_rotor"] > 0)),
-        ("vectoring_delay is longer than there is room for",
+        ("vectoring_delay is too long",
          lambda p: (p["delay"] <= p["vectoring_delay"])
          & (p["vectoring_delay"] <= (MAX_PENDING - 2) * p["config"]["substeps"].astype(np.int64))),
-        ("generator draws nothing", lambda p: _draws(p["generator"]) | ~_is_set(p["generator"])),
+        ("generator has an even increment", lambda p: _draws(p["generator"]) | ~_is_set(p["generator"])),
     ),
-    "episode": (("generator draws nothing", lambda e: _draws(e["generator"])),),
+    "episode": (("generator has an even increment", lambda e: _draws(e["generator"])),),
     "flight": (
-        ("mode is another than config's", lambda f: _are_modes(f["mode"], f["config"]["allocation"])),
-        ("dt is another than config's", lambda f: f["dt"] == 1.0 / f["config"]["rate_hz"]),
+        ("mode differs from config's", lambda f: _are_modes(f["mode"], f["config"]["allocation"])),
+        ("dt differs from config's", lambda f: f["dt"] == 1.0 / f["config"]["rate_hz"]),
     ),
     "crawl": (
-        ("modes are none of the allocation's",
+        ("modes differ from the allocation's",
          lambda c: _are_modes(c["modes"][:, _GROUND:], np.arange(_GROUND, len(PROGRAMS)))),
-        ("dt is another than config's", lambda c: c["dt"] == 1.0 / c["config"]["rate_hz"]),
+        ("dt differs from config's", lambda c: c["dt"] == 1.0 / c["config"]["rate_hz"]),
     ),
-    "gait_memory": (("phase is none of the present step's", _is_in_a_phase),),
+    "gait_memory": (("phase is not one of the present step's", _is_in_a_phase),),
     "manager": (
         ("knot_count is 0 on a path", _is_on_a_path),
-        ("flight.config is another than config's",
+        ("flight.config differs from config's",
          lambda m: not differs("controller_config", m["flight"]["config"], m["config"]["flight"])),
-        ("crawl.config is another than config's",
+        ("crawl.config differs from config's",
          lambda m: not differs("crawler_config", m["crawl"]["config"], m["config"]["crawl"])),
     ),
     "info": (("qp_status_code is no status", lambda i: i["qp_status_code"] <= _words()["status"][1]),),
-    "course": (("gates take more boxes than there is room for", _has_room),),
-    "hover_robot": (("current is none of the goals", lambda h: h["current"] < h["goals"]),),
+    "course": (("gates do not fit into the boxes and tiles", _has_room),),
+    "hover_robot": (("current is not one of the goals", lambda h: h["current"] < h["goals"]),),
 }  # fmt: skip
-"""How numbers of a struct fit together, vectorised over robots: what does not, and whether it does."""
+"""Relations between numbers of a struct: error message, and check vectorised over robots."""

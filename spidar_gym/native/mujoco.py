@@ -1,4 +1,4 @@
-"""MuJoCo for the engine: addresses of its functions and arrays, the robot in its model, a pool of its threads."""
+"""MuJoCo for the engine: addresses of its functions and arrays, indices of the robot's parts, a thread pool."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -44,39 +44,39 @@ from spidar_gym.sim.scene import quieten, scene
 from spidar_gym.sim.sensors import ENCODER_STEPS
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-"""What of MuJoCo's data a robot takes with it."""
+"""Parts of an mjData that belong to a robot's state."""
 FUNCTIONS = (
     "mj_step", "mj_forward", "mj_setConst", "mj_resetData", "mj_getState", "mj_setState", "mj_contactForce",
     "mju_eig3",
 )  # fmt: skip
-"""In the order of `sp_mujoco`, before the numbers."""
+"""MuJoCo's functions in the order of `sp_mujoco`, before the numbers."""
 DATA = (
     "qpos", "qvel", "act", "ctrl", "actuator_force", "qfrc_applied", "qfrc_actuator", "qfrc_bias", "xpos", "xmat",
     "cvel", "cdof", "subtree_com", "geom_xpos", "geom_xmat",
 )  # fmt: skip
-"""Arrays of the data in the order of `sp_sim`, between its time and its contacts."""
+"""Arrays of the mjData in the order of `sp_sim`, between time and contacts."""
 MODEL = ("actuator_gear", "actuator_ctrlrange", "actuator_actrange", "actuator_dynprm", "actuator_biasprm",
          "actuator_forcerange", "dof_frictionloss", "dof_damping", "body_mass", "body_inertia", "body_ipos",
          "body_iquat", "geom_friction", "geom_pos", "geom_quat", "geom_size", "geom_rbound", "geom_aabb",
          "geom_sameframe")  # fmt: skip
-"""Arrays of the model in the order of `sp_sim`, before its flags."""
+"""Arrays of the mjModel in the order of `sp_sim`, before its flags."""
 DERIVED = ("actuator_acc0", "body_invweight0", "body_subtreemass", "bvh_aabb", "cam_poscom0", "dof_M0",
            "dof_invweight0", "dof_length")  # fmt: skip
-"""What MuJoCo derives from these."""
+"""Arrays of the mjModel that MuJoCo derives from these."""
 SHAPES = ("geom_size", "geom_rbound", "geom_aabb")
-"""What boxes have besides a place."""
+"""Arrays of the mjModel that boxes change besides their poses."""
 BOXED = tuple(name for name in MODEL if name != "actuator_forcerange") + DERIVED
-"""Arrays of the model in which robots differ; the torque limits are written whenever a robot is loaded."""
+"""Arrays of the mjModel that differ between robots; torque limits are written whenever a robot is loaded."""
 OWN = tuple(name for name in BOXED if name not in SHAPES)
-"""The same where the floor has no boxes."""
+"""Arrays that differ between robots on a floor without boxes."""
 FLAT = tuple(name for name in OWN if name not in ("bvh_aabb", "geom_pos", "geom_quat", "geom_sameframe"))
-"""The same where the floor is a plane that stays as it is."""
+"""Arrays that differ between robots on a floor plane that is the same for all."""
 _VALID = "mujoco>=4.0,<5 from PyPI"
 _SIZES = {"int": 4, "mjtNum": 8, "size_t": 8, "uintptr_t": 8, "mjtSize": 8, "uint64_t": 8, "mjtBool": 1, "float": 4}
 
 
 def library() -> ctypes.CDLL:
-    """MuJoCo's own library, the one that Python's bindings have loaded."""
+    """Return MuJoCo's library, the one that its Python bindings have loaded."""
     folder = Path(mujoco.__file__).parent
     found = sorted([*folder.glob("libmujoco.so*"), *folder.glob("libmujoco*.dylib"), *folder.glob("mujoco.dll")])
     if not found:
@@ -85,7 +85,7 @@ def library() -> ctypes.CDLL:
 
 
 def _function(own: ctypes.CDLL, name: str) -> Any:  # noqa: ANN401 - of ctypes
-    """A function of MuJoCo's (`SpidarError` where it has none of this name)."""
+    """Return a function of MuJoCo (`SpidarError` where it is missing)."""
     try:
         return getattr(own, name)
     except AttributeError:
@@ -94,14 +94,14 @@ def _function(own: ctypes.CDLL, name: str) -> Any:  # noqa: ANN401 - of ctypes
 
 @cache
 def functions() -> np.ndarray:
-    """`sp_mujoco`: addresses of MuJoCo's functions, numbers of its enumerations."""
+    """Return `sp_mujoco`: addresses of MuJoCo's functions, numbers of its enumerations."""
     own, numbers = library(), (int(STATE), int(mujoco.mjtDisableBit.mjDSBL_CONTACT))
     addresses = [ctypes.cast(_function(own, name), ctypes.c_void_p).value for name in FUNCTIONS]
     return np.array([*addresses, *numbers], np.uint64)
 
 
-def _extent(kind: Any) -> tuple[int, int]:  # noqa: ANN401 - a type of MuJoCo's own description
-    """Bytes of a member, and to what its address is a multiple, by C's rules."""
+def _extent(kind: Any) -> tuple[int, int]:  # noqa: ANN401 - a type of MuJoCo's introspection
+    """Return size and alignment of a member in bytes, by C's rules."""
     name = type(kind).__name__
     if name == "PointerType":
         return 8, 8
@@ -114,8 +114,8 @@ def _extent(kind: Any) -> tuple[int, int]:  # noqa: ANN401 - a type of MuJoCo's 
     return _SIZES[kind.name], _SIZES[kind.name]
 
 
-def _place(fields: Any) -> tuple[dict[str, int], int, int]:  # noqa: ANN401 - of MuJoCo's own description
-    """Offset of each member; bytes and alignment of the whole."""
+def _place(fields: Any) -> tuple[dict[str, int], int, int]:  # noqa: ANN401 - of MuJoCo's introspection
+    """Return the offset of each member, and size and alignment of the struct in bytes."""
     at, widest, offsets = 0, 1, {}
     for field in fields:
         size, align = _extent(field.type)
@@ -126,13 +126,13 @@ def _place(fields: Any) -> tuple[dict[str, int], int, int]:  # noqa: ANN401 - of
 
 
 def member_offsets(struct: str) -> dict[str, int]:
-    """Bytes from the beginning of a struct of MuJoCo to each of its members."""
+    """Return the byte offset of each member of a struct of MuJoCo."""
     return _place(structs.STRUCTS[struct].fields)[0]
 
 
 @cache
 def offsets() -> dict[str, int]:
-    """Bytes from the beginning of a struct of MuJoCo to members that Python's bindings do not give the address of."""
+    """Return byte offsets of members of MuJoCo's structs whose addresses the Python bindings do not provide."""
     data, model, option = (member_offsets(struct) for struct in ("mjData", "mjModel", "mjOption"))
     contact, size, _ = _place(structs.STRUCTS["mjContact"].fields)
     warnings = next(field.type for field in structs.STRUCTS["mjData"].fields if field.name == "warning")
@@ -144,13 +144,13 @@ def offsets() -> dict[str, int]:
 
 
 def _number(address: int, kind: Any = ctypes.c_int32) -> int | float:  # noqa: ANN401 - of ctypes
-    """What stands at an address."""
+    """Read the number at an address."""
     return kind.from_address(address).value
 
 
 @cache
 def check() -> None:
-    """Hold the offsets to what the bindings read and write (`SpidarError` where MuJoCo is laid out otherwise)."""
+    """Check the offsets against the Python bindings (`SpidarError` where MuJoCo has another layout)."""
     otherwise = SpidarError(f"MuJoCo {mujoco.__version__} is laid out in another way; valid: {_VALID}")
     spec = mujoco.MjSpec()
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
@@ -161,13 +161,13 @@ def check() -> None:
     data = mujoco.MjData(model)
     try:
         at = offsets()
-    except (KeyError, StopIteration):  # a member or a type that is not there
+    except (KeyError, StopIteration):  # a missing member or type
         raise otherwise from None
     data.time = 12.5
     mujoco.mj_forward(model, data)
     contact = int(_number(data._address + at["contact"], ctypes.c_uint64)) + at["geom"]
     model.opt.disableflags = 1234567
-    data.warning.number[-1] = 7654321  # the last member of the last
+    data.warning.number[-1] = 7654321  # the last member of the last element
     if (
         _number(data._address + at["time"], ctypes.c_double) != 12.5
         or _number(data._address + at["ncon"]) != data.ncon != 1
@@ -182,7 +182,7 @@ def check() -> None:
 
 
 class Simulation:
-    """A model and a data of MuJoCo with the addresses of their arrays: what a thread loads a robot into."""
+    """An mjModel and an mjData with the addresses of their arrays, into which a thread loads a robot."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Copy a model of `scene(visual=False, …)`."""
@@ -191,7 +191,7 @@ class Simulation:
         self.data = mujoco.MjData(self.model)
         quieten(self.data)
         at, model_at, data_at = offsets(), self.model._address, self.data._address
-        self._functions = functions()  # as long as somebody has its address
+        self._functions = functions()  # kept alive for its address in the record
         self.record = np.array(
             [
                 self._functions.ctypes.data, model_at, data_at, data_at + at["time"],
@@ -205,7 +205,7 @@ class Simulation:
         """`sp_sim`."""
 
     def pieces(self, names: tuple[str, ...]) -> np.ndarray:
-        """`sp_piece` of arrays of the model, one after another: address, bytes, where in a robot's copy, (k, 3)."""
+        """Return `sp_piece` of arrays of the model: address, bytes, offset in a robot's copy; shape (k, 3)."""
         arrays = [getattr(self.model, name) for name in names]
         ends = np.cumsum([-(-array.nbytes // 8) * 8 for array in arrays])
         return np.array(
@@ -216,10 +216,10 @@ class Simulation:
 
 @lru_cache(maxsize=64)
 def world(uneven: bool, boxed: bool = False, robot: RobotSpec = ROBOT) -> np.ndarray:
-    """`sp_world`: a robot over a floor, with tiles, with boxes, or without; read only.
+    """Return `sp_world`, read only: a robot over a floor with tiles, with boxes, or plain.
 
     Raises:
-        SpidarError: For a robot with more parts than there is room for, or whose actuators are in another order.
+        SpidarError: For a robot with too many parts, or with actuators in another order.
     """
     model = scene(visual=False, uneven=uneven, boxed=boxed, robot=robot)
     body, geom = (lambda name: model.body(name).id), (lambda name: model.geom(name).id)
@@ -280,21 +280,21 @@ def world(uneven: bool, boxed: bool = False, robot: RobotSpec = ROBOT) -> np.nda
 
 
 def _delete(own: ctypes.CDLL, batch: int, process: int) -> None:
-    """Stop a pool's threads, which a forked process does not have."""
+    """Stop a pool's threads, except in a forked process, which has none."""
     if turn.process == process:
         own.mjb_deleteBatch(ctypes.c_void_p(batch))
 
 
 class Pool:
-    """MuJoCo's threads, for jobs on robots: `mjb_apply` survives what MuJoCo gives up in one of them."""
+    """MuJoCo's thread pool for jobs on robots; an error of MuJoCo in one job does not affect the others."""
 
     def __init__(self, robots: int, threads: int) -> None:
-        """Start it."""
+        """Start the threads."""
         own = library()
         for name in ("mjb_makeBatch", "mjb_apply", "mjb_status", "mjb_error", "mjb_deleteBatch"):
             _function(own, name)
         own.mjb_makeBatch.restype = ctypes.c_void_p
-        # The pool's own simulations are of an empty world: the engine brings its own.
+        # The pool simulates an empty world; the engine has its own simulations.
         self._model = mujoco.MjSpec().compile()
         self._data = mujoco.MjData(self._model)
         settings, words = (ctypes.c_int * 2)(threads, 0), ctypes.create_string_buffer(256)
@@ -308,22 +308,22 @@ class Pool:
         own.mjb_status.restype, own.mjb_error.restype = ctypes.POINTER(ctypes.c_int), ctypes.c_char_p
         self._status = np.ctypeslib.as_array(own.mjb_status(ctypes.c_void_p(made)), (robots,))
         self._library = own
-        # Who forgets an environment without closing it gives its memory back too; at the process's end nobody asks.
+        # Free the pool of an environment that was not closed; not at the end of the process.
         self.process = turn.process
-        """Where its threads are."""
+        """Process in which the threads run."""
         self._release = weakref.finalize(self, _delete, own, made, self.process)
         self._release.atexit = False
 
     @property
     def failed(self) -> np.ndarray:
-        """Robots whose last job MuJoCo gave up."""
+        """Indices of the robots in whose last job MuJoCo failed."""
         return np.flatnonzero(self._status)
 
     def words(self, robot: int) -> str:
-        """Why."""
+        """Return MuJoCo's error message for a robot."""
         return self._library.mjb_error(ctypes.c_void_p(self.address), robot).decode()
 
     def close(self) -> None:
-        """Stop its threads; a second call does nothing."""
+        """Stop the threads; a second call has no effect."""
         self._release()
         self.address = 0

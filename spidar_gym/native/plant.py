@@ -1,4 +1,4 @@
-"""One simulated robot of an engine, as Python sees it: `step(Command) → RobotState`, with saving and restoring."""
+"""One simulated robot of an engine in Python: `step(Command) → RobotState`, with saving and restoring."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -35,16 +35,16 @@ _POSE = np.dtype(
 
 @dataclass(frozen=True)
 class Saved:
-    """A moment of one simulated robot; `Plant.restore` continues from it bit for bit."""
+    """Saved state of one simulated robot; `Plant.restore` continues from it bit for bit."""
 
     robot: bytes
-    """Its record."""
+    """Bytes of its record."""
     model: bytes
-    """Its part of MuJoCo's model."""
+    """Bytes of its part of MuJoCo's model."""
 
 
 def read_state(record: np.ndarray | np.void) -> RobotState:
-    """A state of the library as a dataclass of its own arrays."""
+    """Copy a state of the library into a dataclass."""
     r = record
     return RobotState(
         float(r["time"]), r["position_w"].copy(), r["quat_wb"].copy(), r["velocity_w"].copy(), r["omega_b"].copy(),
@@ -54,7 +54,7 @@ def read_state(record: np.ndarray | np.void) -> RobotState:
 
 
 def read_command(record: np.ndarray | np.void) -> Command:
-    """A command of the library as a dataclass of its own arrays."""
+    """Copy a command of the library into a dataclass."""
     return Command(
         record["thrust"].copy(), record["vectoring"].reshape(N_ROTORS, 2).copy(), record["joint_position"].copy(),
         record["joint_torque_limit"].copy(),
@@ -62,7 +62,7 @@ def read_command(record: np.ndarray | np.void) -> Command:
 
 
 def read_reference(record: np.ndarray | np.void) -> Reference:
-    """A reference of the library as a dataclass of its own arrays."""
+    """Copy a reference of the library into a dataclass."""
     masks = {name: record[name] != 0 for name in ("lost_thrust", "lost_vectoring")}
     names = [f.name for f in fields(Reference) if f.name not in ("mode", "support", *masks)]
     arrays = {name: record[name].copy() for name in names}
@@ -73,12 +73,12 @@ def read_reference(record: np.ndarray | np.void) -> Reference:
 class Plant:
     """One simulated robot over a floor.
 
-    Its joint servos run τ = k_{j,p} (q^d − q) − k_{j,d} q̇ [Zhao2025, Eq. 17] at every physics step, on a setpoint that
-    moves no faster than the joint speed, within their torque limit.
+    Its joint servos compute τ = k_{j,p} (q^d − q) − k_{j,d} q̇ [Zhao2025, Eq. 17] at every physics step, within their
+    torque limit. The rate of the setpoint is limited to the joint speed.
     """
 
     def __init__(self, config: PlantConfig | None = None, *, engine: Engine | None = None) -> None:
-        """Make one, or look at the robot of an engine that has just this one.
+        """Make a robot, or view the only robot of an engine.
 
         Raises:
             StaleAssetError: Where the model file was edited by hand.
@@ -88,39 +88,39 @@ class Plant:
         self._look(engine or Engine("plant", given, 1, 1, alike=False), given)
 
     def _look(self, engine: Engine, config: PlantConfig | None) -> None:
-        """Look at the one robot of an engine."""
+        """View the only robot of an engine."""
         self._config, self._engine, robots = config, engine, engine.robots
         self._records = robots["plant"] if "plant" in (robots.dtype.names or ()) else robots
         self.record: Any = self._records[0]
-        """`sp_plant`: what it is, and all that changes about it."""
+        """`sp_plant`: configuration and state."""
         simulation = engine.simulations[0]
         self.model, self.data = simulation.model, simulation.data
         self._pose, self._command = np.zeros(1, _POSE), np.zeros(1, engine_layouts()["command"])
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy is made of: the engine, not the views of its memory."""
+        """Return the state of a copy: the engine, without the views of its memory."""
         self.keep()
         return {"engine": self._engine, "config": self._config}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Become a copy that looks at the copied engine's robot."""
+        """Restore a copy that views the copied engine's robot."""
         self._look(state["engine"], state["config"])
         self._engine.run("sp_refresh_plants")
 
     @property
     def records(self) -> np.ndarray:
-        """`record` as an array of one."""
+        """`record` as an array of length 1."""
         return self._records
 
     @property
     def config(self) -> PlantConfig:
-        """What was chosen about the robot, or drawn."""
+        """Configuration of the robot, as given or randomised."""
         if self._config is None:
             self._config = replace(read(PlantConfig, self.record["config"]), robot=self._engine.robot)
         return self._config
 
     def reread(self) -> None:
-        """The engine may have made another robot of it."""
+        """Read `config` from the record again, after the engine may have changed it."""
         self._config = None
 
     @property
@@ -129,12 +129,12 @@ class Plant:
         return self.config.substeps * TIMESTEP
 
     def configure(self, config: PlantConfig) -> None:
-        """Become another robot from the next reset on (`InvalidValueError` for another spec or kind of floor)."""
+        """Change the configuration from the next reset on (`InvalidValueError` for another spec or kind of floor)."""
         if config.robot != self._engine.robot:
-            raise InvalidValueError("robot", f"{config.robot.total_mass:.4g} kg", "the description of the beginning")
+            raise InvalidValueError("robot", f"{config.robot.total_mass:.4g} kg", "the robot given at construction")
         kinds = [(each.uneven, each.boxed) for each in (config.ground, self.config.ground)]
         if kinds[0] != kinds[1]:
-            raise InvalidValueError("tiles, boxes", kinds[0], "a floor of the same kind as at the beginning")
+            raise InvalidValueError("tiles, boxes", kinds[0], "the kind of floor given at construction")
         check_delay(config)
         configs = np.zeros(1, engine_layouts()["plant_config"])
         fill(configs[0], config)
@@ -154,7 +154,7 @@ class Plant:
         spent_wh: float = 0.0,
         motion: np.ndarray | None = None,
     ) -> RobotState:
-        """Put the robot somewhere, servos at their setpoints and at rest.
+        """Place the robot, servos at their setpoints and at rest.
 
         Args:
             position_w: Origin of the torso [m].
@@ -162,14 +162,14 @@ class Plant:
             joint_position: q [rad]; zero by default.
             vectoring: (φ, θ) [rad]; zero by default.
             thrust: Thrust that the modules already deliver [N]; zero by default.
-            disturbances: What happens to it; nothing by default.
-            rng: Source of noise, wind and pushes; a copy of it draws.
+            disturbances: Disturbances and fault; none by default.
+            rng: Generator of noise, wind and pushes; it is copied and not advanced.
             spent_wh: Energy that its battery lacks [Wh].
             motion: Velocity of the torso's origin, world [m/s], and its angular velocity, torso axes [rad/s], shape
                 (6,); at rest by default.
 
         Raises:
-            InvalidValueError: When something random is to happen and there is no generator.
+            InvalidValueError: For noise, wind or pushes without a generator.
         """
         disturbances = disturbances or Disturbances()
         random = self.config.sense or self.config.actuators.thrust_noise
@@ -190,7 +190,7 @@ class Plant:
         thrust: RotorVector | None = None,
         motion: np.ndarray | None = None,
     ) -> RobotState:
-        """As `reset`, with the disturbances, the generator and the battery that the robot has."""
+        """Reset as `reset` does, with the present disturbances, generator and battery."""
         pose = self._pose[0]
         pose["position_w"], pose["quat_wb"] = position_w, quat_wb
         pose["joint_position"] = 0.0 if joint_position is None else joint_position
@@ -201,14 +201,14 @@ class Plant:
         return self.state()
 
     def disturb(self, disturbances: Disturbances, towards: float = 0.0) -> None:
-        """Let something else happen from now on, without a reset; what a rotor had lost comes back.
+        """Change the disturbances from now on, without a reset; a rotor that no longer has a fault recovers.
 
         Args:
-            disturbances: Their `fault_time` counts from the reset. Pushes begin with one at once.
-            towards: Where the wind blows to, 0 along x, π/2 along y [rad].
+            disturbances: New disturbances. `fault_time` counts from the reset. The first push starts at once.
+            towards: Direction that the wind blows to, 0 along x, π/2 along y [rad].
 
         Raises:
-            InvalidValueError: When something random is to happen and the reset was given no generator.
+            InvalidValueError: For wind or pushes if the reset received no generator.
         """
         record, weather = self.record, self.record["weather"]
         if disturbances.has_weather and not any(record["generator"].tobytes()):
@@ -216,7 +216,7 @@ class Plant:
         before = read(Disturbances, record["disturbances"])
         fill(record["disturbances"], disturbances)
         if (before.lost_rotor, before.fault) != (disturbances.lost_rotor, disturbances.fault):
-            record["is_stuck"] = 0  # it would go on for a rotor that is no longer named
+            record["is_stuck"] = 0  # else the fault would persist for a rotor that is no longer named
         weather["mean_w"] = disturbances.wind * np.array([math.cos(towards), math.sin(towards), 0.0])
         if not disturbances.wind:
             weather["gust_w"] = 0.0
@@ -227,24 +227,24 @@ class Plant:
         record["has_air"] = bool(record["has_air"]) or disturbances.has_weather
 
     def shove(self, force_w: Vector3) -> None:
-        """Push the torso for 0.2 s from now on, besides whatever else happens to it [N]."""
+        """Push the torso for 0.2 s from now on, in addition to the disturbances [N]."""
         weather = self.record["weather"]
         if not self.record["disturbances"]["push"]:
-            # Nobody looks at a push where none may come; none of its own follows, as `next_push` is never.
+            # Pushes are applied only if `push` is positive. No random push follows, as `next_push` is infinite.
             self.record["disturbances"]["push"] = float(np.linalg.norm(force_w))
-        # It begins when the weather is looked at the next time, and its length counts from there.
+        # The push starts at the next evaluation of the weather, and its duration counts from there.
         weather["push_w"], weather["push_end"] = force_w, self.state().time + AIR_STEPS * TIMESTEP + PUSH_SECONDS
         self.record["has_air"] = True
 
     def step(self, command: Command) -> RobotState:
-        """Advance by one control period: physics, and what happens in between.
+        """Advance by one control period.
 
         Args:
-            command: Thrusts are clipped to idle … what the module gives (λ̄, its gain, the battery); joint setpoints to
+            command: Thrusts are clipped to idle … the module's maximum (λ̄, its gain, the battery); joint setpoints to
                 ± 90°, and slewed by the servos.
 
         Returns:
-            The true state at the end of the period; where it has `diverged`, the last one that was finite.
+            The true state at the end of the period; if the robot has `diverged`, the last finite one.
         """
         self.keep()
         fill(self._command[0], command)
@@ -252,15 +252,15 @@ class Plant:
         return self.state()
 
     def keep(self) -> None:
-        """Let the robot be where `data` has it: who writes there moves it."""
+        """Store the state in `data` as the robot's, so that values written there count."""
         self._engine.call("sp_keep_now", self._engine.address)
 
     def state(self) -> RobotState:
-        """The true state."""
+        """Return the true state."""
         return read_state(self.record["state"])
 
     def measure(self) -> Measurement:
-        """What the sensors have said since the last call (`InvalidValueError` where `sense` is off)."""
+        """Return the sensor readings since the last call (`InvalidValueError` where `sense` is off)."""
         if not self.record["senses"]:
             raise InvalidValueError("sense", self.config.sense, "True at the reset")
         found = np.zeros((), engine_layouts()["measurement"])
@@ -275,7 +275,7 @@ class Plant:
 
     @property
     def diverged(self) -> bool:
-        """Whether the state is no longer finite, or faster than anything that flies (10⁶ rad/s, m/s)."""
+        """Whether the state is not finite, or its norm exceeds 10⁶ (SI units)."""
         return bool(self.record["diverged"])
 
     @property
@@ -285,20 +285,20 @@ class Plant:
 
     @property
     def hit(self) -> float:
-        """Largest force since the last command on anything but feet and pegs, where there are boxes [N]."""
+        """Largest force since the last command on anything but feet and pegs, with boxes only [N]."""
         return float(self.record["hit"])
 
     @property
     def violated(self) -> int:
-        """Constraints that have been violated since `forgive` or the reset: bit k is the k-th of `VIOLATIONS`."""
+        """Constraints violated since `forgive` or the reset: bit k is the k-th of `VIOLATIONS`."""
         return int(self.record["violated"])
 
     def forgive(self) -> None:
-        """From here on violations are counted anew."""
+        """Clear `violated`."""
         self.record["violated"] = 0
 
     def touch(self) -> Touch:
-        """What touches the floor, and how it slides."""
+        """Evaluate the floor contacts and their slip."""
         found = np.zeros((), engine_layouts()["touch"])
         self._engine.call("sp_touching_now", self._engine.address, pointer(found))
         balls = found["balls"] != 0
@@ -308,13 +308,13 @@ class Plant:
         )  # fmt: skip
 
     def contact_forces(self) -> np.ndarray:
-        """Where floor or boxes touch the robot and what they give there, world: (k, 6) [m, N]."""
+        """Return position and force of each contact with floor or boxes, on the robot, world: (k, 6) [m, N]."""
         data, wrench = self.data, np.zeros(6)
         rows = np.zeros((data.ncon, 6))
         for k in range(data.ncon):
             mujoco.mj_contactForce(self.model, data, k, wrench)
             force = data.contact.frame[k].reshape(3, 3).T @ wrench[:3]
-            # MuJoCo gives the force on the second geom.
+            # MuJoCo returns the force on the second geom.
             is_ours = self.model.geom_bodyid[data.contact.geom[k, 1]] > 0
             rows[k, :3], rows[k, 3:] = data.contact.pos[k], force if is_ours else -force
         return rows
@@ -347,36 +347,36 @@ class Plant:
         return 3600.0 * energy / time if energy > 0.0 else float(self.record["power"])
 
     def net_wrench(self) -> tuple[Vector3, Vector3]:
-        """Force, world [N], and torque about the torso's origin, torso axes [Nm], of rotors and weight on the robot.
+        """Compute force, world [N], and torque about the torso's origin, torso axes [Nm], of rotors and weight.
 
-        At rest, and without the air: what keeps the robot from hovering where it is.
+        At rest and without the air, both are zero for a robot that hovers.
         """
         data: Any = self.data  # one of its arrays is declared without a type
         net = data.qfrc_actuator - data.qfrc_bias
         return net[:3], net[3:6]
 
     def close(self) -> None:
-        """Stop the engine's threads; a second call does nothing."""
+        """Stop the engine's threads; a second call has no effect."""
         self._engine.close()
 
     def save(self) -> Saved:
-        """This moment, all of it; `restore` continues from it bit for bit."""
+        """Save the complete state; `restore` continues from it bit for bit."""
         self.keep()
         return Saved(self._records.tobytes(), self._engine.copies.tobytes())
 
     def fault_of(self, saved: Saved) -> str:
-        """What of a moment of this kind of simulation cannot be, in words; empty where nothing is wrong."""
+        """Describe what is invalid in a saved state of this kind of simulation; return "" if it is valid."""
         record = np.frombuffer(saved.robot, self._records.dtype)
         copies = np.frombuffer(saved.model, np.uint8)[None]
         fault = limits.fault_of("plant", record) or self._engine.fault_of_copies(copies)
         return fault or limits.differs("plant_config", record["config"], self._records["config"], ("i4",))
 
     def restore(self, saved: Saved) -> RobotState:
-        """Return to a saved moment (`InvalidValueError` for another kind of simulation's)."""
+        """Restore a saved state (`InvalidValueError` for that of another kind of simulation)."""
         sizes = self._records.nbytes, self._engine.copies.nbytes
         if (len(saved.robot), len(saved.model)) != sizes:
             given = len(saved.robot), len(saved.model)
-            raise InvalidValueError("saved", given, f"a moment of {sizes[0]} and {sizes[1]} bytes from save()")
+            raise InvalidValueError("saved", given, f"a saved state of {sizes[0]} and {sizes[1]} bytes from save()")
         with self._engine.turn.lock:
             self._records[:] = np.frombuffer(saved.robot, self._records.dtype)
             self._engine.copies[0] = np.frombuffer(saved.model, np.uint8)
@@ -384,7 +384,7 @@ class Plant:
             return self.state()
 
     def refresh(self) -> None:
-        """Let `model` and `data` show the robot, where others have written its memory."""
+        """Load the robot into `model` and `data`, after its memory was written from elsewhere."""
         self._engine.forget_copies()
         self._engine.run("sp_refresh_plants")
         self.reread()

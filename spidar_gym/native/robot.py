@@ -1,4 +1,4 @@
-"""The robot's numbers as the core and the engine take them: data, so that another robot needs no other library."""
+"""The robot's numbers for the core and the engine: data, so that one library serves all robots."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -15,7 +15,7 @@ from spidar_gym.robot import GIMBAL_NAMES, GRAVITY, JOINT_NAMES, N_ROTORS, ROBOT
 
 @lru_cache(maxsize=64)
 def robot(spec: RobotSpec = ROBOT) -> np.ndarray:
-    """`sp_robot`, read only: the kinematic tree of a robot, and its limits."""
+    """Return `sp_robot`, read only: the kinematic tree of a robot, and its limits."""
     record = np.zeros((), core_layouts()["robot"])
     model = build_model(spec)
     bodies = {name: joint - 1 for joint, name in enumerate(model.names)}  # Pinocchio's joint 0 is the universe
@@ -40,13 +40,13 @@ def robot(spec: RobotSpec = ROBOT) -> np.ndarray:
 
 
 def names_of(record: np.ndarray) -> tuple[str, ...]:
-    """Members of a record."""
+    """Return the names of a record's members."""
     assert record.dtype.names is not None
     return record.dtype.names
 
 
 def _axis(model: object, joint: int) -> np.ndarray:
-    """Axis of a revolute joint in its own frame."""
+    """Return the axis of a revolute joint in its own frame."""
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
     J = pin.computeJointJacobian(model, data, pin.neutral(model), joint)

@@ -1,4 +1,4 @@
-"""Structs that Python and the onboard core share, written down once: dataclasses, or tables of members."""
+"""Structs that Python and the onboard core share, each defined once: by a dataclass, or a table of members."""
 
 import dataclasses
 import math
@@ -34,23 +34,23 @@ WORDS: dict[tuple[str, str], tuple[str, ...]] = {
     ("gait_config", "stride"): STRIDES,
     ("disturbances", "fault"): FAULTS,
 }
-"""Fields that are words in Python and numbers in C: the valid ones in order."""
+"""Fields that are words in Python and numbers in C, with the valid words in order."""
 Bounds = tuple[int | float, int | float]
-"""The least and the largest value of a member that the library works with."""
+"""Least and largest valid value of a member."""
 FLAG: Bounds = (0, 1)
-"""Yes or no."""
+"""Bounds of a flag."""
 CODE: Bounds = (-1, 2**30)
-"""A word by number, −1 for none; how many words there are is known elsewhere."""
+"""Bounds of a word's number, −1 for none; the number of words is not checked here."""
 COUNT: Bounds = (0, 2**30)
-"""Ticks and the like: far from where a sum of two leaves its kind."""
+"""Bounds of counts such as ticks; the sum of two does not overflow."""
 ANY: Bounds = (-(2**63), 2**64 - 1)
-"""Whatever its kind holds."""
+"""Bounds that admit every value of the kind."""
 USUAL: Bounds = (-1e15, 1e15)
-"""A number with a fraction for which nothing else is said: neither NaN nor infinite, and its cube is a number."""
+"""Default bounds of a floating-point number: neither NaN nor infinite, and its cube is finite."""
 INFINITE: Bounds = (-math.inf, math.inf)
-"""A number that may be infinite."""
+"""Bounds of a number that may be infinite."""
 SINCE: Bounds = (0.0, 1e15)
-"""A time or an amount that is never negative."""
+"""Bounds of a time or an amount that is never negative."""
 WHOLE: dict[tuple[str, str], Bounds] = {
     ("measurement", "pose_count"): (0, POSE_FRAMES),
     ("measurement", "imu_count"): (0, IMU_SAMPLES),
@@ -60,7 +60,7 @@ WHOLE: dict[tuple[str, str], Bounds] = {
     ("plant_config", "substeps"): COUNT,
     ("disturbances", "lost_rotor"): (0, N_ROTORS),
 }
-"""Bounds of whole numbers that are neither flags nor words, by struct and field."""
+"""Bounds of integers that are neither flags nor words, by struct and field."""
 FRACTIONS: dict[tuple[str, str], Bounds] = {
     ("robot_state", "time"): SINCE,
     ("interference", "lower"): INFINITE,
@@ -68,13 +68,13 @@ FRACTIONS: dict[tuple[str, str], Bounds] = {
     ("demand", "lower"): INFINITE,
     ("demand", "upper"): INFINITE,
 }
-"""Bounds of numbers with a fraction that are others than `USUAL`."""
+"""Bounds of floating-point numbers that differ from `USUAL`."""
 OPTIONAL = {("residual", "forces_l"): (N_ROTORS, 3), ("residual", "leg_forces_b"): (N_LEGS, 3)}
-"""Arrays that may be missing, with their shapes: in C a flag `has_…` goes before them."""
+"""Arrays that may be missing, with their shapes; in C a flag `has_…` precedes each of them."""
 
 
 def samples() -> list[Any]:
-    """An instance of every dataclass that becomes a struct, those inside others first."""
+    """Return an instance of every dataclass that becomes a struct, nested ones first."""
     zero, quat, q = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(N_JOINTS)
     angles, eight, mask = np.zeros((N_ROTORS, 2)), np.zeros(N_ROTORS), np.zeros(N_ROTORS, bool)
     maps = np.zeros((6, N_UNKNOWNS)), np.zeros((N_JOINTS, N_UNKNOWNS))
@@ -98,39 +98,39 @@ Row = (
     tuple[str, str, tuple[int, ...], str]
     | tuple[str, str, tuple[int, ...], str, Bounds | str | tuple[Bounds | str, ...]]
 )
-"""Members of a struct that are alike: names, apart by blanks; kind; shape, () for a number; comment; bounds.
+"""Similar members of a struct: names separated by blanks; kind; shape, () for a number; comment; bounds.
 
-The kind is `f8`, `f4`, `i4`, `i8`, `u4`, `u8`, `u1`, an enumeration, or a struct that came before. Bounds are those of
-all of the row's members or of each, or the name of an enumeration; what a saved robot holds is held to them. Every
-whole number that is saved has some; an enumeration has its own, and a fraction without any is `USUAL`.
+The kind is `f8`, `f4`, `i4`, `i8`, `u4`, `u8`, `u1`, an enumeration, or an earlier struct. Bounds apply to all members
+of the row or are given for each; the name of an enumeration stands for its bounds. Saved robots are checked against
+them. Every saved integer needs bounds. An enumeration has its own, and a floating-point number without any has `USUAL`.
 """
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class CStruct:
-    """One struct: its C text and its numpy type come from here."""
+    """One struct, from which its C text and its numpy type are generated."""
 
     name: str
-    """Without `sp_`."""
+    """Name without `sp_`."""
     doc: str
-    """What it is."""
+    """Description of the struct."""
     rows: Sequence[Row]
     """Its members, in order."""
 
 
 @cache
 def border_structs() -> tuple[CStruct, ...]:
-    """Structs of the dataclasses that cross the border, in the core's order."""
+    """Return the structs of the dataclasses that Python and C exchange, in the core's order."""
     return tuple(map(struct_of, samples()))
 
 
 def struct_of(sample: Any) -> CStruct:  # noqa: ANN401 - any of the dataclasses
-    """The struct of a dataclass, from an instance of it."""
+    """Return the struct of a dataclass, from an instance of it."""
     return CStruct(snake(type(sample).__name__), source_doc(type(sample)).partition("\n")[0], _rows(sample))
 
 
 def _rows(sample: Any) -> list[Row]:  # noqa: ANN401 - any of the dataclasses
-    """Fields of a dataclass in its order; in the core arrays are flat."""
+    """Return the fields of a dataclass in order; in the core arrays are flat."""
     struct, docs = snake(type(sample).__name__), field_docs(type(sample))
     rows: list[Row] = []
     for field in dataclasses.fields(sample):
@@ -139,7 +139,7 @@ def _rows(sample: Any) -> list[Row]:  # noqa: ANN401 - any of the dataclasses
             continue  # in C a robot is `sp_robot`
         kind, shape, at = "i4", (), (struct, field.name)
         if at in OPTIONAL:
-            rows.append((f"has_{field.name}", "i4", (), "Whether the next field counts.", FLAG))
+            rows.append((f"has_{field.name}", "i4", (), "Whether the next field is valid.", FLAG))
             kind, shape = "f8", OPTIONAL[at]
         elif dataclasses.is_dataclass(value):
             kind = snake(type(value).__name__)
@@ -156,11 +156,11 @@ def _rows(sample: Any) -> list[Row]:  # noqa: ANN401 - any of the dataclasses
 
 
 def dtypes(structs: Iterable[CStruct], known: Mapping[str, np.dtype] | None = None) -> dict[str, np.dtype]:
-    """Numpy types by name, laid out as a C compiler does.
+    """Return numpy types by name, laid out as by a C compiler.
 
     Args:
-        structs: Those inside others first.
-        known: Types of structs that came before.
+        structs: Structs, nested ones first.
+        known: Types of earlier structs.
     """
     types = dict(known or {})
     for struct in structs:
@@ -195,14 +195,14 @@ def fill(record: Any, value: Any) -> None:  # noqa: ANN401 - a numpy record and 
 
 @cache
 def _members(kind: type) -> tuple[str, tuple[str, ...]]:
-    """The struct that a dataclass becomes, and the names of its fields."""
+    """Return the name of a dataclass's struct, and the names of its fields."""
     return snake(kind.__name__), tuple(field.name for field in dataclasses.fields(kind))
 
 
 def read(kind: type[T], record: Any) -> T:  # noqa: ANN401 - a numpy record
-    """The dataclass that a record of its struct stands for, its arrays its own; the inverse of `fill`.
+    """Copy a record into the dataclass of its struct; the inverse of `fill`.
 
-    Whose it is stays the default: a record knows no `RobotSpec`.
+    A `RobotSpec` field keeps its default, as records do not contain it.
     """
     struct, sample, values = snake(kind.__name__), kind(), {}
     for field in dataclasses.fields(kind):  # pyright: ignore[reportArgumentType] - a dataclass, as every caller's

@@ -60,7 +60,7 @@ def test_a_whole_number_without_bounds_is_an_error(monkeypatch):
                                                ("reached", "i4", (), "")))  # fmt: skip
     monkeypatch.setattr(limits, "_tables", lambda: {"goal": table})
     limits.numbers_of.cache_clear()
-    with pytest.raises(LookupError, match=r"goal\.reached is a whole number without bounds"):
+    with pytest.raises(LookupError, match=r"goal\.reached is an integer without bounds"):
         limits.numbers_of("goal")
     limits.numbers_of.cache_clear()
 
@@ -111,11 +111,11 @@ def _far(r):
     ("name", "change", "words"),
     [
         (COURSE, _on_no_path, "manager.knot_count is 0 on a path"),
-        (COURSE, _of_tiles, "course.gates take more boxes than there is room for"),
-        (CRAWL, _in_a_phase, "crawl.gait.phase is none of the present step's"), (HOVER, _stuck, "plant.is_stuck"),
-        (HOVER, _mode, "flight.mode is another than config's"), (HOVER, _config, "config.allocator.max_iter is"),
-        (HOVER, _goal, "current is none of the goals"), (CRAWL, _stream, "episode.generator draws nothing"),
-        (CRAWL, _failure, "episode.failure"), (HOVER, _far, "plant.row is nowhere"),
+        (COURSE, _of_tiles, "course.gates do not fit into the boxes and tiles"),
+        (CRAWL, _in_a_phase, "crawl.gait.phase is not one of the present step's"), (HOVER, _stuck, "plant.is_stuck"),
+        (HOVER, _mode, "flight.mode differs from config's"), (HOVER, _config, "config.allocator.max_iter is"),
+        (HOVER, _goal, "current is not one of the goals"), (CRAWL, _stream, "episode.generator has an even increment"),
+        (CRAWL, _failure, "episode.failure"), (HOVER, _far, "plant.row has diverged"),
     ],
 )  # fmt: skip
 def test_numbers_that_do_not_fit_together_are_refused(name, change, words):

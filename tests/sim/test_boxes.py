@@ -197,7 +197,7 @@ def test_pictures_show_them():
         (lambda: floor((1e9, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0)), "nothing beyond 100 m"),
         (lambda: floor(*[PLATFORM] * (BOXES + 1)), f"at most {BOXES}"),
         (lambda: replace(floor(PLATFORM), tiles=np.full((TILES, TILES), 0.01)), "either tiles or boxes"),
-        (lambda: plant(PLATFORM).configure(PlantConfig(aero=VACUUM)), "the same kind as at the beginning"),
+        (lambda: plant(PLATFORM).configure(PlantConfig(aero=VACUUM)), "the kind of floor given at construction"),
         (lambda: plant().configure(PlantConfig(aero=VACUUM, ground=floor(PLATFORM))), "the same kind"),
     ],
 )

@@ -1,1 +1,1 @@
-"""What is generated into C: headers, and solvers of the programs."""
+"""Generators of C: headers, and solvers of the programs."""

@@ -1,4 +1,4 @@
-"""The generated C that is committed beside the hand-written, so that a compiler alone makes the library of a clone."""
+"""The generated C that is committed, so that a clone needs a C compiler only."""
 
 import re
 from functools import cache
@@ -17,19 +17,19 @@ OSQP = "osqp"
 
 @cache
 def shared_headers() -> dict[str, str]:
-    """What a compiled library and this package have to agree on: `SHARED_HEADERS` with their texts."""
+    """Return the texts of `SHARED_HEADERS`, on which a compiled library and this package must agree."""
     texts = constants_header(), structs_header(), modes_header(), *engine_headers().values()
     return dict(zip(SHARED_HEADERS, texts, strict=True))
 
 
 def committed_files() -> dict[str, str]:
-    """Path under `GENERATED` → text; OSQP's sources are those of the installed version."""
+    """Generate path under `GENERATED` → text; OSQP's sources are those of the installed version."""
     solvers = {f"{OSQP}/{name}": text for name, text in generate_solvers().items()}
     return shared_headers() | solvers
 
 
 def osqp_files() -> dict[str, bytes]:
-    """OSQP's committed sources: name → content (`StaleAssetError` where they are not there)."""
+    """Read OSQP's committed sources: name → content (`StaleAssetError` where they are missing)."""
     files = {file.name: source_bytes(file) for file in sorted((GENERATED / OSQP).glob("*.[ch]"))}
     if "spidar_solvers.h" not in files:
         raise StaleAssetError(GENERATED / OSQP)
@@ -37,13 +37,13 @@ def osqp_files() -> dict[str, bytes]:
 
 
 def osqp_version() -> str:
-    """Version of OSQP that generated the committed sources."""
+    """Return the version of OSQP that generated the committed sources."""
     found = re.search(rb'SP_OSQP_VERSION "(.*)"', osqp_files()["spidar_solvers.h"])
     return found[1].decode() if found else "unknown"
 
 
 def other_osqp() -> str:
-    """In one line that another OSQP is installed than generated the committed sources; empty where it is the same."""
+    """Return a one-line note if the installed OSQP did not generate the committed sources; else ""."""
     ours, installed = osqp_version(), version("osqp")
     if ours == installed:
         return ""
@@ -51,5 +51,5 @@ def other_osqp() -> str:
 
 
 def leftovers(files: dict[str, str]) -> list[Path]:
-    """C files under `GENERATED` that nothing generates any more: they would be compiled with the others."""
+    """Return C files under `GENERATED` that are no longer generated; they would be compiled with the others."""
     return sorted(set(GENERATED.rglob("*.[ch]")) - {GENERATED / name for name in files})

@@ -1,4 +1,4 @@
-"""The engine's C text from Python: its numbers, enumerations, structs and tables."""
+"""Generates the engine's C text: numbers, enumerations, structs and tables."""
 
 from spidar_gym.native import draws
 from spidar_gym.native.codegen.header import define, enumeration, header, struct
@@ -12,11 +12,11 @@ from spidar_gym.native.engine_structs import (
 )
 
 DRAWS = ("SEED_POOL", "SEED_START", "SEED_FACTOR", "SEED_LEFT", "SEED_RIGHT", "STATE_START", "STATE_FACTOR")
-"""Numbers of the mixing of seeds."""
+"""Constants of the mixing of seeds."""
 
 
 def engine_header() -> str:
-    """spidar_engine_structs.h: numbers, enumerations, structs."""
+    """Generate spidar_engine_structs.h: numbers, enumerations, structs."""
     lines = [define(name, value, "engine_structs") for name, value in ENGINE_SIZES.items()]
     lines += [define(name, getattr(draws, name), draws.__name__) for name in DRAWS]
     for prefix, place, names in ENGINE_NUMBERS:
@@ -28,5 +28,5 @@ def engine_header() -> str:
 
 
 def engine_headers() -> dict[str, str]:
-    """Headers that only the library has: name → text."""
+    """Generate the headers of the library alone: name → text."""
     return {"spidar_engine_structs.h": engine_header(), "spidar_ziggurat.h": ziggurat_header()}

@@ -1,4 +1,4 @@
-"""C text from Python: constants, structs, the robot's numbers, presets; and the digest that a core answers to."""
+"""Generates C text: constants, structs, the robot's numbers, presets; and computes the digest of an interface."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -51,24 +51,24 @@ _C_TYPES = {
 
 
 def hex_float(x: float) -> str:
-    """A double as C reads it back bit for bit."""
+    """Format a double so that C reads it back bit for bit."""
     if np.isinf(x):
         return "HUGE_VAL" if x > 0.0 else "-HUGE_VAL"
     return float(x).hex()
 
 
 def numbers(values: object) -> str:
-    """Numbers of C, one after another."""
+    """Format numbers for C, separated by commas."""
     return ", ".join(hex_float(x) for x in np.asarray(values, float).reshape(-1).tolist())
 
 
 def initializer(value: Any, indent: int = 1) -> str:  # noqa: ANN401 - any configuration
-    """A C initialiser of a configuration, numbers as hexadecimal floats: exactly the same ones."""
+    """Format a C initialiser of a configuration, with hexadecimal floats that keep every bit."""
     struct, pad, parts = snake(type(value).__name__), "    " * indent, []
     for field in dataclasses.fields(value):
         own = getattr(value, field.name)
         if isinstance(own, RobotSpec):
-            continue  # it is `sp_robot`
+            continue  # in C a robot is `sp_robot`
         if dataclasses.is_dataclass(own):
             text = initializer(own, indent + 1)
         elif isinstance(own, str):
@@ -82,20 +82,20 @@ def initializer(value: Any, indent: int = 1) -> str:  # noqa: ANN401 - any confi
 
 
 def header(guard: str, doc: str, lines: Iterable[str], includes: Iterable[str] = ("<stdint.h>",)) -> str:
-    """A generated header.
+    """Format a generated header.
 
     Args:
-        guard: Its name in capitals, without `_H`.
-        doc: What is in it.
-        lines: Its text.
-        includes: What it includes, with brackets or quotes.
+        guard: Name of the include guard without `_H`.
+        doc: Description of the content.
+        lines: Lines of the content.
+        includes: Included headers, with brackets or quotes.
     """
     front = [f"/* Generated: {doc} */", f"#ifndef {guard}_H", f"#define {guard}_H", ""]
     return "\n".join([*front, *(f"#include {name}" for name in includes), "", *lines, "", "#endif", ""])
 
 
 def define(name: str, value: int | float | Sequence[float] | np.ndarray, origin: str = "") -> str:
-    """A number of C, whole or as a hexadecimal float, or some of them, and where Python has it."""
+    """Format a constant of C, an integer, a hexadecimal float or an array, with its origin in Python."""
     if isinstance(value, Sequence | np.ndarray):
         return f"static const double SP_{name}[{len(value)}] = {{{numbers(value)}}};"
     text, comment = f"{value}u" if value > np.iinfo(np.int32).max else str(value), origin
@@ -105,13 +105,13 @@ def define(name: str, value: int | float | Sequence[float] | np.ndarray, origin:
 
 
 def array(kind: str, name: str, items: Sequence[object]) -> list[str]:
-    """A constant array of C, four items a line."""
+    """Format a constant array of C, four items a line."""
     rows = [", ".join(map(str, items[k : k + 4])) for k in range(0, len(items), 4)]
     return [f"static const {kind} {name}[{len(items)}] = {{", *(f"    {row}," for row in rows), "};"]
 
 
 def enumeration(each: Enumeration) -> list[str]:
-    """An enumeration of C."""
+    """Format an enumeration of C."""
     items = [f"SP_{each.prefix}{word}".upper() + f" = {number}" for word, number in each.numbers.items()]
     items += [f"SP_{each.count}"] if each.count else []
     lines = textwrap.wrap(", ".join(items), 116)
@@ -119,7 +119,7 @@ def enumeration(each: Enumeration) -> list[str]:
 
 
 def struct(each: CStruct) -> list[str]:
-    """A struct of C."""
+    """Format a struct of C."""
     lines = [f"/* {each.doc.replace('*/', '* /')} */", "typedef struct {"]
     for names, kind, shape, doc, *_ in each.rows:
         size = "".join(f"[{n}]" for n in shape)
@@ -130,7 +130,7 @@ def struct(each: CStruct) -> list[str]:
 
 
 def constants_header() -> str:
-    """spidar_constants.h: sizes, numbers and enumerations, each from the one place where Python has it."""
+    """Generate spidar_constants.h: sizes, numbers and enumerations, each from its definition in Python."""
     lines = [define(name, value) for name, value in SIZES.items()]
     for prefix, place, names in NUMBERS:
         lines += [define(f"{prefix}{n}".upper(), getattr(place, n), f"{place.__name__}.{n}") for n in names]
@@ -146,16 +146,16 @@ def constants_header() -> str:
 
 
 def structs_header() -> str:
-    """spidar_structs.h: what crosses the border, configurations, and the core's own structs."""
+    """Generate spidar_structs.h: structs that Python and C exchange, configurations, the core's own structs."""
     lines = [line for each in (*border_structs(), *CORE_STRUCTS) for line in struct(each)]
     return header(
-        "SPIDAR_STRUCTS", "what crosses the border, configurations, and what the core remembers.", lines[:-1],
+        "SPIDAR_STRUCTS", "structs that Python and C exchange, configurations, and the core's state.", lines[:-1],
         ("<stdint.h>", '"spidar_constants.h"'),
     )  # fmt: skip
 
 
 def _blocks(blocks: Iterable[Any], size: int) -> str:
-    """C's initialisers of costs or rows: what each is, and its `size` numbers."""
+    """Format C initialisers of costs or rows: the kind of each, and `size` numbers."""
     return ", ".join(
         f"{{SP_{snake(type(each).__name__).upper()}, {numbers([*dataclasses.astuple(each), 0.0, 0.0][:size])}}}"
         for each in blocks
@@ -163,9 +163,9 @@ def _blocks(blocks: Iterable[Any], size: int) -> str:
 
 
 def modes_header() -> str:
-    """spidar_modes.h: the blocks of every mode, those on the ground with the default configuration's numbers."""
+    """Generate spidar_modes.h: the blocks of every mode, those on the ground with the default configuration."""
     tables = {"COUNTS": [len(kind.pattern) for kind in ROWS], "ARE_SOFT": [int(kind.soft) for kind in ROWS]}
-    lines = ["/* How many rows each of sp_rows_kind has, and whether the fallback may violate them at a price. */"]
+    lines = ["/* Number of rows of each sp_rows_kind, and whether the fallback may violate them at a cost. */"]
     lines += [line for name, table in tables.items() for line in array("int32_t", f"SP_ROWS_{name}", [0, *table])]
     lines += ["", "static const sp_mode SP_MODES[SP_PROGRAMS] = {"]
     for name, mode in program_modes().items():
@@ -176,7 +176,7 @@ def modes_header() -> str:
 
 
 def interface_digest(front: bytes, sources: Path) -> str:
-    """Digest of what the two sides of an interface have to agree on, and of a folder's C sources."""
+    """Compute the digest of text on which both sides of an interface must agree, and of a folder's C sources."""
     digest = hashlib.sha256(front)
     for file in sorted(sources.glob("*.[ch]*")):
         digest.update(file.name.encode() + b"\0" + source_bytes(file))
@@ -185,13 +185,13 @@ def interface_digest(front: bytes, sources: Path) -> str:
 
 @cache
 def interface_hash() -> str:
-    """Digest of everything that a compiled core has to agree on: constants, structs, modes, sources."""
+    """Return the digest on which compiled cores must agree: constants, structs, modes, sources."""
     text = constants_header() + structs_header() + modes_header()
     return interface_digest(text.encode(), CORE)
 
 
 def model_header(spec: RobotSpec = ROBOT) -> str:
-    """spidar_model.h: a robot's numbers, frozen for the robot itself."""
+    """Generate spidar_model.h: a robot's numbers as constants, for the program on the robot."""
     lines = [
         f'#define SP_MODEL_SHA256 "{model_hash(spec)}"',
         "",
@@ -204,7 +204,7 @@ def model_header(spec: RobotSpec = ROBOT) -> str:
 
 
 def record_initializer(record: Any, indent: int = 1) -> str:  # noqa: ANN401 - a numpy record
-    """A C initialiser of a record of a struct, exactly its numbers."""
+    """Format a C initialiser of a record of a struct, with numbers that keep every bit."""
     pad, parts = "    " * indent, []
     for name in record.dtype.names:
         value = record[name]
@@ -221,10 +221,10 @@ def record_initializer(record: Any, indent: int = 1) -> str:  # noqa: ANN401 - a
 
 
 def presets_header(spec: RobotSpec = ROBOT) -> str:
-    """spidar_presets.h: the presets for a robot, with the iteration cap that a tick on it has time for.
+    """Generate spidar_presets.h: the presets for a robot, with the iteration cap of its computer.
 
     Raises:
-        InvalidValueError: For a robot whose legs do not reach what a preset asks of them.
+        InvalidValueError: For a robot whose legs cannot reach the poses of a preset.
     """
     lines: list[str] = []
     flights = {name: controller_config(name, spec) for name in (*PRESETS, *FORMER_PRESETS)}
@@ -239,4 +239,4 @@ def presets_header(spec: RobotSpec = ROBOT) -> str:
     lines.append(f"static const sp_estimator_config SP_ESTIMATOR = {initializer(EstimatorConfig())};")
     both = ManagerConfig(flight=flights["tuned"], crawl=crawls["robust_overlapped"])
     lines += ["", f"static const sp_manager_config SP_MANAGER = {initializer(both)};"]
-    return header("SPIDAR_PRESETS", "the presets, the very numbers of the simulator.", lines, ('"spidar_structs.h"',))
+    return header("SPIDAR_PRESETS", "the presets, with the simulator's numbers.", lines, ('"spidar_structs.h"',))

@@ -1,4 +1,4 @@
-"""OSQP's generated code for every pattern of the allocation, and the table that the core finds them in."""
+"""Generates OSQP's code for every pattern of the allocation, and the core's table of these solvers."""
 
 import errno
 import os
@@ -21,7 +21,7 @@ from spidar_gym.native.constants import ONBOARD_ITERATIONS, PROGRAMS, program_mo
 
 
 def programs() -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Patterns of P and A by name, in the core's order, each hard and soft."""
+    """Return the patterns of P and A by name, in the core's order, each hard and soft."""
     found = {}
     for name, mode in program_modes().items():
         found[name] = patterns(mode)
@@ -31,7 +31,7 @@ def programs() -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def generate_solvers() -> dict[str, str]:
-    """The solver's sources, a workspace for each pattern, and `spidar_solvers.h`: name → text."""
+    """Generate the solver's sources, a workspace for each pattern, and `spidar_solvers.h`: name → text."""
     found = programs()
     files: dict[str, str] = {}
     tables, entries = [], {}
@@ -43,7 +43,7 @@ def generate_solvers() -> dict[str, str]:
         solver.setup(
             P, np.zeros(n), A, -wide, wide, eps_abs=AllocatorConfig().tolerance, max_iter=ONBOARD_ITERATIONS, **SETTINGS
         )
-        # Right after setup: code that is generated after a solution would begin with it.
+        # Generate right after setup: after a solution the code would start from it.
         with scratch_folder() as scratch:
             solver.codegen(
                 str(scratch), parameters="matrices", force_rewrite=True, prefix=f"{name}_",
@@ -62,8 +62,8 @@ def generate_solvers() -> dict[str, str]:
     lines = [
         f'#define SP_OSQP_VERSION "{version("osqp")}"',
         "",
-        "/* A work space of OSQP as it was generated, where its solver and its pointers into itself are, and where the",
-        " * entries of P's upper triangle and of A, column by column, stand in the dense matrices. */",
+        "/* A generated workspace of OSQP, the offsets of its solver and of its internal pointers, and the positions",
+        " * of the entries of P's upper triangle and of A, column by column, in the dense matrices. */",
         "typedef struct {",
         "    const void *space;",
         "    size_t bytes, solver;",
@@ -74,7 +74,7 @@ def generate_solvers() -> dict[str, str]:
         "} sp_pattern;",
         "",
         "#define SP_ALIGNED(bytes) (((bytes) + 63) / 64 * 64)",
-        "/* Memory that all of them take. */",
+        "/* Memory of all workspaces. */",
         "#define SP_SOLVERS_BYTES \\",
         *(f"    {'(' if k == 0 else ' '}SP_ALIGNED(sizeof({name}_space)){' + ' if k + 1 < len(found) else ')'}"
           f"{chr(92) if k + 1 < len(found) else ''}" for k, name in enumerate(found)),
@@ -86,7 +86,7 @@ def generate_solvers() -> dict[str, str]:
         *(f"    {{{entries[kind]},\n     {entries.get(kind + '_soft', empty)}}}," for kind in PROGRAMS),
         "};",
     ]  # fmt: skip
-    doc = "a work space of OSQP for each pattern, and where its numbers stand in the dense matrices."
+    doc = "a workspace of OSQP for each pattern, and the positions of its numbers in the dense matrices."
     includes = ("<stddef.h>", "<stdint.h>", '"osqp.h"', *(f'"{name}_workspace.h"' for name in found))
     return {**files, "spidar_solvers.h": header("SPIDAR_SOLVERS", doc, lines, includes)}
 
@@ -104,15 +104,15 @@ MEMBERS = {
     "z_prev Ax Px Aty xtPx qtx SC scaled_dual_gap delta_y Atdelta_y delta_x Pdelta_x Adelta_x D_temp D_temp_A E_temp",
     "OSQPSolver": "settings solution info work",
 }
-"""Members of OSQP's structs in the order of the generated initialisers: those that point, and what stands before."""
+"""Members of OSQP's structs in the order of the generated initialisers, up to the last pointer."""
 _DEFINITION = re.compile(r"^(\w+)\s+(\w+)(\[\d+\])?(?: = \{\n(.*?)\n\})?;$", re.MULTILINE | re.DOTALL)
 
 
 def _relocatable(name: str, files: Mapping[str, str]) -> dict[str, str]:
-    """OSQP's work space, generated as globals, as one constant that can be copied: where pointers are is a table.
+    """Convert OSQP's workspace from generated globals to one copyable constant with a table of its pointers.
 
     Raises:
-        SpidarError: When OSQP's generator writes what is not known here.
+        SpidarError: When OSQP's generator writes an unknown structure.
     """
     source, prefix = files[f"{name}_workspace.c"], f"{name}_"
     kinds = {title: kind for kind, title, _, _ in _DEFINITION.findall(source)}
@@ -135,27 +135,27 @@ def _relocatable(name: str, files: Mapping[str, str]) -> dict[str, str]:
             items[k] = item.replace(found[0], address)
         values.append(f"    .{own} = {{\n" + ",\n".join(items) + "\n    },")
     opening = source[source.index("#include") : source.index("/* Define the settings")]
-    body = [f"/* The work space of OSQP for {name}. */", opening.rstrip(), f'#include "{name}_workspace.h"', "",
+    body = [f"/* The workspace of OSQP for {name}. */", opening.rstrip(), f'#include "{name}_workspace.h"', "",
             f"const {prefix}space {prefix}SPACE = {{", *values, "};"]  # fmt: skip
     table = array("uint32_t", f"{prefix}POINTERS", pointers)
     lines = ["typedef struct {", *members, f"}} {prefix}space;", f"extern const {prefix}space {prefix}SPACE;", *table]
     includes = ("<stddef.h>", "<stdint.h>", '"types.h"', '"algebra_impl.h"', '"qdldl_interface.h"')
     return {
         f"{name}_workspace.h": header(
-            f"{name}_WORKSPACE".upper(), f"the work space of OSQP for {name}.", lines, includes
+            f"{name}_WORKSPACE".upper(), f"the workspace of OSQP for {name}.", lines, includes
         ),
         f"{name}_workspace.c": "\n".join([*body, ""]),
     }
 
 
 def _collect(scratch: Path) -> dict[str, str]:
-    """Sources and headers, without the line that holds the date (`OSError` for half a file)."""
+    """Read the generated sources and headers, without the line with the date (`OSError` for an incomplete file)."""
     files = {}
     for file in sorted(scratch.rglob("*.[ch]")):
-        if file.name == "emosqp.c":  # an example's main
+        if file.name == "emosqp.c":  # main function of an example
             continue
         lines = file.read_text(encoding="utf-8").splitlines()
-        if not "".join(lines[-1:]).startswith(("#endif", "}")):  # OSQP does not look whether its words reach the disk
+        if not "".join(lines[-1:]).startswith(("#endif", "}")):  # OSQP does not check whether its writes succeed
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         files[file.name] = "\n".join(line for line in lines if "autogenerated" not in line) + "\n"
     return files

@@ -1,8 +1,8 @@
-"""The tables from which normal numbers are drawn, bit for bit numpy's: the ziggurat of 256 layers of equal area.
+"""Generates the tables for sampling normal numbers, bit for bit numpy's: a ziggurat of 256 layers of equal area.
 
-A layer is a strip under f(x) = exp(−x²/2), x ≥ 0, that reaches from its edge to the left; the lowest one has the tail
-beyond r with it [Marsaglia2000]. numpy's tables came of double precision, so what is repeated here is the arithmetic,
-with exponentials and logarithms that are rounded correctly on every machine.
+A layer is a horizontal strip under f(x) = exp(−x²/2) from x = 0 to its edge; the lowest one includes the tail beyond r
+[Marsaglia2000]. numpy's tables were computed in double precision. So this module repeats that arithmetic, with
+exponentials and logarithms that are rounded correctly on every machine.
 """
 
 import math
@@ -13,15 +13,15 @@ from itertools import pairwise
 from spidar_gym.native.codegen.header import array, define, header, hex_float
 
 LAYERS = 256
-"""Layers, that of the tail first, then from the top down."""
+"""Number of layers: that of the tail first, then from the top down."""
 EDGE = 3.6541528853610087963519472518
 """Edge r of the lowest layer, where the tail begins."""
 AREA = 0.0049286732339746519
 """Area v of each layer."""
 PLACES = 2**52
-"""Places from which one is drawn on the width of a layer."""
+"""Number of places on the width of a layer, of which one is sampled."""
 ROUNDED_UP = 38
-"""The layer whose density numpy has rounded the other way: the true one lies 0.498 of the last bit above it."""
+"""Layer whose density numpy rounds up although the exact value is 0.498 of the last bit above the lower number."""
 _PRECISE = Context(prec=40)
 
 
@@ -35,9 +35,9 @@ def _log(x: float) -> float:
 
 @cache
 def ziggurat() -> tuple[list[int], list[float], list[float]]:
-    """For each layer: places below which a point is under the curve, the distance of two places, f at its edge.
+    """Compute for each layer: places below which a point is under the curve, distance of two places, f at its edge.
 
-    The distance of two places on the lowest layer is that of a rectangle of the same area.
+    For the lowest layer the distance of two places is that of a rectangle of the same area.
     """
     edges, densities = [EDGE], [_exp(-0.5 * EDGE * EDGE)]
     for layer in range(LAYERS - 2, 0, -1):
@@ -57,13 +57,13 @@ def ziggurat() -> tuple[list[int], list[float], list[float]]:
 
 
 def ziggurat_header() -> str:
-    """spidar_ziggurat.h."""
+    """Generate spidar_ziggurat.h."""
     inside, distance, density = ziggurat()
     lines = [
         define("ZIGGURAT_EDGE", EDGE, "where the tail begins"),
-        "/* Of each layer: places that are under the curve for sure, distance of two of them, density at its edge. */",
+        "/* For each layer: number of places surely under the curve, distance of two places, density at its edge. */",
         *array("uint64_t", "SP_ZIGGURAT_INSIDE", [f"{places}u" for places in inside]),
         *array("double", "SP_ZIGGURAT_DISTANCE", list(map(hex_float, distance))),
         *array("double", "SP_ZIGGURAT_DENSITY", list(map(hex_float, density))),
     ]
-    return header("SPIDAR_ZIGGURAT", "tables from which normal numbers are drawn.", lines)
+    return header("SPIDAR_ZIGGURAT", "tables for sampling normal numbers.", lines)
