@@ -1,4 +1,4 @@
-"""Pins the servos and delays off their description, the model that is written, and what is refused."""
+"""Pins servos and delays with non-nominal parameters, the values written into the model, and refusals."""
 
 import math
 
@@ -19,11 +19,11 @@ from spidar_gym.state import Command
 
 OUTER_YAW = JOINT_NAMES.index("joint2_yaw")
 SPIN = 0.3
-"""Some angle of a joint in its range [rad]."""
+"""A joint angle within its range [rad]."""
 
 
 def loaded(plant: Plant, servo: str, torque: float, told: Command, seconds: float = 2.0):
-    """The state after a torque has pulled at one joint for some time; it acts between two links, so nothing flies."""
+    """State after a torque at one joint for `seconds`; the torque is internal, so the robot does not fly away."""
     dof = plant.model.joint(servo).dofadr[0]
     for _ in range(round(seconds / plant.period)):
         plant.data.qfrc_applied[dof] = torque
@@ -73,13 +73,13 @@ def test_the_vectoring_delay_comes_on_top_and_delays_the_vectoring_servos_alone(
     assert np.ptp(first[:, 24:], axis=0).min() > 0.01
 
 
-def test_a_robot_that_obeys_late_obeys_every_command_in_turn():
+def test_a_robot_with_a_delay_executes_every_command_in_turn():
     plant, told = floating(substeps=2, delay=0.0225), np.random.default_rng(6).uniform(0, 40, (40, 8))
     given = []
     for thrust in told:
         plant.step(command(thrust))
         given.append(plant.data.ctrl[:8].copy())
-    # 9 steps: a command reaches the rotors in the middle of the fifth tick after its own.
+    # A delay of 9 physics steps: a command reaches the rotors in the middle of the fifth period.
     assert np.array_equal(given[4:], told[:-4])
     assert not np.any(given[:4])
 
@@ -124,7 +124,7 @@ def test_a_joint_servo_reaches_its_torque_and_no_more_and_obeys_a_lower_limit(mo
 
 
 def limp(joint: str) -> Command:
-    """All servos hold but the one of `joint`."""
+    """A command that holds all joints except for `joint`, which has no torque."""
     return command(limit=np.array([0.0 if name == joint else 7.0 for name in JOINT_NAMES]))
 
 
@@ -161,7 +161,7 @@ def test_within_its_play_a_joint_moves_from_edge_to_edge_and_stays_where_it_is_l
             edge = math.copysign(play + touch / ROBOT.joint_kp, torque)
             np.testing.assert_allclose(state.joint_position[OUTER_YAW] - SPIN, edge, rtol=5e-3)
             left = loaded(plant, "joint2_yaw", 0.0, told)
-            # The spring behind the edge gives back what the touch took; the play gives nothing back.
+            # The spring beyond the play's edge returns; the play itself has no restoring torque.
             away = left.joint_position[OUTER_YAW] - SPIN
             np.testing.assert_allclose(away, math.copysign(play, torque), rtol=0.02, atol=1e-6)
             assert abs(left.joint_torque[OUTER_YAW]) < 1e-3
@@ -179,7 +179,7 @@ def test_a_setpoint_that_moves_within_the_play_hardly_moves_the_link():
     np.testing.assert_allclose(state.joint_position, 0.018, rtol=0.02)
 
 
-def test_true_minus_indicated_is_the_offset_at_reset_and_under_way_for_joints_and_vectoring_angles():
+def test_true_minus_indicated_is_the_offset_at_reset_and_in_motion_for_joints_and_vectoring_angles():
     rng = np.random.default_rng(7)
     joint, vectoring = rng.uniform(-0.02, 0.02, 16), rng.uniform(-0.01, 0.01, (8, 2))
     config = PlantConfig(
@@ -214,7 +214,7 @@ def arrays(model: mujoco.MjModel) -> dict[str, np.ndarray]:
 
 
 DERIVED = {"actuator_acc0"}
-"""Acceleration that an actuator gives per unit force; nothing here uses it, and it has its own test."""
+"""Acceleration per unit force of an actuator, unused by the simulation and tested separately."""
 
 
 def differing(plant: Plant, other: Plant) -> set[str]:
@@ -224,7 +224,7 @@ def differing(plant: Plant, other: Plant) -> set[str]:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_becoming_nominal_again_leaves_nothing_of_another_robot(seed):
+def test_the_nominal_configuration_overwrites_every_array_of_another_robot(seed):
     rng = np.random.default_rng(seed)
     strange, _ = randomize(PlantConfig(joint_speed=0.7), rng, 1.0)
     used, fresh = Plant(strange), Plant()
@@ -271,7 +271,7 @@ ARRAYS = {
 
 
 @pytest.mark.parametrize("name", SCALARS)
-def test_a_number_that_no_actuator_has_is_refused(name):
+def test_an_invalid_number_is_refused(name):
     for value in (-0.1, math.nan, math.inf, -math.inf):
         with pytest.raises(InvalidValueError, match=rf"{name} = .*expected (a number|a finite|finite)"):
             ActuatorConfig(**{name: value})
@@ -284,7 +284,7 @@ def test_a_number_that_no_actuator_has_is_refused(name):
 
 @pytest.mark.parametrize(("name", "shape"), ARRAYS.items())
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_an_array_with_something_that_is_no_number_is_refused(name, shape, value):
+def test_an_array_with_a_number_that_is_not_finite_is_refused(name, shape, value):
     array = np.ones(shape)
     array.flat[-1] = value
     with pytest.raises(InvalidValueError, match=rf"(?s){name} = .*expected finite numbers"):
@@ -292,7 +292,7 @@ def test_an_array_with_something_that_is_no_number_is_refused(name, shape, value
 
 
 @pytest.mark.parametrize("name", ["module_gain", "servo_stiffness"])
-def test_a_module_that_sucks_and_a_servo_that_pushes_away_are_refused(name):
+def test_a_negative_module_gain_and_a_negative_stiffness_are_refused(name):
     array = np.ones(ARRAYS[name])
     array[-1] = -1.0
     with pytest.raises(InvalidValueError, match=rf"(?s){name} = .*expected"):
@@ -305,7 +305,7 @@ def test_an_array_of_another_length_is_refused(name, shape):
         Plant(PlantConfig(actuators=ActuatorConfig(**{name: np.ones((3, *shape[1:]))})))
 
 
-def test_nobody_can_write_into_the_defaults():
+def test_the_defaults_are_read_only():
     for name in ARRAYS:
         with pytest.raises(ValueError, match="read-only"):
             getattr(ActuatorConfig(), name)[0] = 0.5

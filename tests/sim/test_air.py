@@ -26,12 +26,12 @@ INNER = np.arange(8) % 2 == 0
 
 
 def form(name, R_wb=LEVEL, **changes) -> mujoco.MjData:
-    """One of the paper's forms with its rotors upright."""
+    """Simulation data of one of the paper's forms with upright rotors."""
     return posed(FORMS[name], upright(FORMS[name], R_wb), R_wb, **changes)
 
 
 def tossed(rng, **changes) -> mujoco.MjData:
-    """Any pose and attitude, everything in motion."""
+    """Simulation data of a random pose and attitude, with all bodies in motion."""
     velocity = np.concatenate([rng.normal(0, 3, 3), rng.normal(0, 1, world().nv - 3)])
     kinds = {"R_wb": exp(rng.normal(0, 1, 3)), "velocity": velocity} | changes
     return posed(rng.uniform(-1.5, 1.5, 16), rng.uniform(-3, 3, (8, 2)), **kinds)
@@ -87,7 +87,7 @@ def test_turning_the_robot_about_the_vertical_turns_the_forces():
         np.testing.assert_allclose(theirs.generalized[3:], ours.generalized[3:], rtol=0, atol=1e-9)
 
 
-def test_turning_the_robot_by_a_leg_gives_every_leg_the_forces_of_the_one_before():
+def test_turning_the_robot_by_a_leg_moves_the_forces_on_by_a_leg():
     rng, quarter = np.random.default_rng(1), rotation_z(0.5 * math.pi)
     for k in range(6):
         q, vectoring, thrust = rng.uniform(-1, 1.5, 16), rng.uniform(-1, 1, (8, 2)), rng.uniform(5, 40, 8)
@@ -117,7 +117,7 @@ def test_the_generalized_force_is_that_of_every_force_at_its_point_on_its_body()
         np.testing.assert_allclose(air.generalized, total, rtol=0, atol=1e-9)
 
 
-def test_the_air_looks_at_ducts_links_and_torso_where_they_are():
+def test_the_stations_are_on_ducts_links_and_torso():
     data = tossed(np.random.default_rng(3))
     points = evaluate(data).points_w
     for i in range(8):
@@ -158,8 +158,8 @@ def test_a_push_acts_at_the_torso_and_noise_along_the_thrust():
 
 
 @pytest.mark.parametrize("wake", [True, False])
-def test_the_robot_in_motion_and_the_robot_in_an_opposite_wind_feel_the_same_forces(wake):
-    """Without a wake there is only air while there is wind, so the wind is never zero there."""
+def test_the_robot_in_motion_and_the_robot_in_an_opposite_wind_have_the_same_forces(wake):
+    """Without a wake, the air acts only where there is wind, so the wind is never zero in that case."""
     rng = np.random.default_rng(6)
     for _ in range(4):
         state, wind = rng.bit_generator.state, rng.normal(0, 4, 3)
@@ -211,7 +211,7 @@ def test_without_thrust_drag_opposes_the_flight_and_grows_with_the_square_of_its
 
 @pytest.mark.parametrize("direction", [0.0, 0.7, 2.0])
 def test_ducts_at_hover_thrust_resist_sideways_flight_by_6_newton_per_metre_a_second(direction):
-    """ρ A w V: each takes in air at rest beside it and blows it out along its axis."""
+    """ρ A w V: each duct ingests air at rest and accelerates it along its axis."""
     velocity = 0.01 * np.array([math.cos(direction), math.sin(direction), 0.0])
     air = evaluate(form("form1", velocity=velocity))
     assert abs(air.generalized[:3] @ velocity / 1e-4 + 6.24) < 0.05
@@ -220,13 +220,13 @@ def test_ducts_at_hover_thrust_resist_sideways_flight_by_6_newton_per_metre_a_se
     assert 0.18 < np.linalg.norm(gale.generalized[:3]) / ROBOT.weight < 0.25
 
 
-def test_a_climb_costs_thrust_and_a_descent_gives_some():
+def test_a_climb_reduces_thrust_and_a_descent_increases_it():
     up, down = (evaluate(form("form1", velocity=(0.0, 0.0, v))).thrust_factor for v in (3.0, -3.0))
     assert np.all(up < 0.99)
     assert np.all(down > 1.01)
 
 
-def test_the_rods_feel_no_flow_along_themselves():
+def test_the_force_on_a_rod_has_no_axial_component():
     data = tossed(np.random.default_rng(10))
     forces = evaluate(data, wind=(7.0, -3.0, 2.0)).forces_w[LINKS]
     assert np.linalg.norm(forces, axis=1).max() > 0.1
@@ -248,7 +248,7 @@ def test_flow_along_a_rod_does_not_add_to_the_drag_of_the_flow_across_it():
 
 
 def test_links_and_torso_have_the_drag_of_cylinders_and_a_disc_of_their_size():
-    """½ ρ C_d A V² with C_d of 1 … 1.2; a link is half a metre of rod, with a battery 7 cm wide."""
+    """½ ρ C_d A V² with C_d of 1 … 1.2; a link is a rod of half a metre with a battery 7 cm wide."""
     forces = evaluate(form("form1"), NONE, (0.0, 0.0, 10.0)).forces_w
     pressure = 0.5 * AIR_DENSITY * 10.0**2
     for i in range(8):
@@ -261,7 +261,7 @@ def test_links_and_torso_have_the_drag_of_cylinders_and_a_disc_of_their_size():
 
 
 def grounded(a, height, vectoring=None):
-    """Thrust factors in form 1 with the exits of the ducts at a height [m], those of a = 0 taken out."""
+    """Relative change of the thrust factors by ground effect `a`, in form 1 with the ducts' exits at a height [m]."""
     vectoring = np.zeros((8, 2)) if vectoring is None else vectoring
     centre = posed(np.zeros(16), vectoring, position=STILL).body("gimbal1_pitch_module").xpos[2]
     up = posed(np.zeros(16), vectoring).body("gimbal1_pitch_module").xmat[8]
@@ -281,13 +281,13 @@ def test_the_floor_acts_within_four_radii_and_with_the_sign_of_its_coefficient(a
         assert not grounded(a, height * RADIUS).any()
 
 
-def test_the_floor_helps_as_cheeseman_and_bennett_found():
+def test_the_ground_effect_is_that_of_cheeseman_and_bennett():
     for height in (1.0, 1.5, 2.0, 3.0):
         found = 1.0 / (1.0 - (1.0 / (4.0 * height)) ** 2) - 1.0
         np.testing.assert_allclose(grounded(1.0, height * RADIUS), found, rtol=0.07)
 
 
-def test_a_jet_that_leaves_at_more_than_60_degrees_does_not_feel_the_floor_and_a_tilted_one_does_along_its_way():
+def test_the_ground_effect_ends_at_a_tilt_of_60_degrees_and_uses_the_distance_along_the_jet():
     steep, flat = (np.tile([0.0, math.radians(angle)], (8, 1)) for angle in (55.0, 65.0))
     gain = grounded(1.0, 0.1, steep)
     assert np.all(gain > 0.0)
@@ -295,7 +295,7 @@ def test_a_jet_that_leaves_at_more_than_60_degrees_does_not_feel_the_floor_and_a
     assert not grounded(1.0, 0.1, flat).any()
 
 
-def test_the_floor_acts_on_the_ducts_that_are_near_it_only():
+def test_the_floor_acts_only_on_the_ducts_near_it():
     q = np.zeros(16)
     q[1] = 0.6
     data = posed(q, upright(q, LEVEL), position=np.array([0.0, 0.0, 0.5]))
@@ -325,7 +325,7 @@ def test_holding_the_forces_for_25_milliseconds_changes_a_second_of_flight_by_5_
         ends.append(np.concatenate([state.position_w, state.velocity_w]))
     error = np.abs(ends[2] - ends[0]).max()
     assert 0.0 < error < 0.0055
-    assert abs(error / np.abs(ends[1] - ends[0]).max() - 9.0) < 0.9, "an error of first order in what is held"
+    assert abs(error / np.abs(ends[1] - ends[0]).max() - 9.0) < 0.9, "the error is of first order in the hold"
 
 
 @pytest.mark.parametrize(
@@ -335,10 +335,10 @@ def test_holding_the_forces_for_25_milliseconds_changes_a_second_of_flight_by_5_
      *(("duct_drag_area", v, "at least 0") for v in (-0.001, math.nan, math.inf)),
      *(("ground_effect", v, "finite") for v in (math.nan, math.inf, -math.inf))],
 )  # fmt: skip
-def test_air_that_cannot_be_is_refused(name, value, expected):
+def test_an_invalid_air_is_refused(name, value, expected):
     with pytest.raises(InvalidValueError, match=f"{name} = .*expected .*{expected}"):
         AeroConfig(**{name: value})
 
 
-def test_air_without_duct_drag_or_ground_effect_or_with_suction_by_the_floor_is_fine():
+def test_air_without_duct_drag_or_with_suction_by_the_floor_is_valid():
     AeroConfig(zero_thrust_speed=1.01, core_length=0.1, duct_drag_area=0.0, ground_effect=-1.0)

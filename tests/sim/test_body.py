@@ -1,4 +1,4 @@
-"""Pins masses, centres of mass, inertia and friction off the description, by sums over the bodies and by sliding."""
+"""Pins non-nominal masses, centres of mass, inertia and friction by sums over the bodies and by sliding."""
 
 import math
 
@@ -26,14 +26,14 @@ KINDS = {"inner": ("inner_junction", "inner_link"), "outer": ("outer_junction", 
 
 
 def command(thrust=0.0, joints=0.0, vectoring=0.0, limit=7.0) -> Command:
-    """A command; numbers stand for equal entries."""
+    """A command; a number fills all entries of its field."""
     shapes = ((8,), (8, 2), (16,), (16,))
     values = (thrust, vectoring, joints, limit)
     return Command(*(np.broadcast_to(v, s).astype(float) for v, s in zip(values, shapes, strict=True)))
 
 
 def built(**body) -> Plant:
-    """A plant with this body."""
+    """A plant with a body of these parameters."""
     return Plant(PlantConfig(substeps=1, aero=VACUUM, body=BodyConfig(**body)))
 
 
@@ -94,7 +94,7 @@ def test_the_nominal_bodies_have_the_masses_of_the_description():
 
 
 @pytest.mark.parametrize("mass", [15.2, 16.0, 16.4, 20.0])
-def test_the_robot_weighs_what_it_is_told_whatever_its_links_weigh(mass):
+def test_the_robot_has_the_configured_total_mass_for_any_link_masses(mass):
     rng = np.random.default_rng(1)
     plant = built(total_mass=mass, link_mass=rng.uniform(0.9, 1.1, 8), inertia=rng.uniform(0.8, 1.2, 8))
     np.testing.assert_allclose(plant.model.body_mass.sum(), mass, rtol=1e-12)
@@ -157,7 +157,7 @@ def test_shifting_the_centre_of_one_link_moves_the_robots_by_the_links_share_of_
     np.testing.assert_allclose(centre(plant) - centre(nominal), share * R @ shift[link - 1], rtol=0, atol=1e-12)
 
 
-def test_an_off_centre_torso_in_the_hand_of_gravity_turns_with_the_moment_of_its_weight():
+def test_the_weight_of_an_off_centre_torso_has_a_moment_about_the_origin():
     plant, nominal = built(torso_com=np.array([0.02, 0.0, 0.0])), built()
     turning = []
     for one in (plant, nominal):
@@ -167,7 +167,7 @@ def test_an_off_centre_torso_in_the_hand_of_gravity_turns_with_the_moment_of_its
     np.testing.assert_allclose(turning[0] - turning[1], [0.0, 0.02 * weight, 0.0], rtol=0, atol=1e-9)
 
 
-def test_the_inertia_factor_turns_up_the_inertia_that_a_joint_feels_and_no_mass():
+def test_the_inertia_factor_scales_the_inertia_about_a_joint_and_no_mass():
     factors = np.linspace(0.85, 1.15, 8)
     plant, nominal = posed(built(inertia=factors)), posed(built())
     assert np.array_equal(plant.model.body_mass, nominal.model.body_mass)
@@ -180,7 +180,7 @@ def test_the_inertia_factor_turns_up_the_inertia_that_a_joint_feels_and_no_mass(
             tensor(plant, f"link{i}"), factors[i - 1] * ROBOT.bodies[kind].matrix, rtol=0, atol=1e-8
         )
         if i % 2 == 0:
-            # The pitch axis (y) of an outer link carries nothing but that link.
+            # The pitch joint (y) of an outer link moves only that link and its module.
             dof = plant.model.joint(f"joint{i}_pitch").dofadr[0]
             np.testing.assert_allclose(change[dof, dof], added[1, 1], rtol=1e-6)
     for name in described():
@@ -192,7 +192,7 @@ def test_the_inertia_factor_turns_up_the_inertia_that_a_joint_feels_and_no_mass(
     ("mass", "place"), [(0.3, (0.0, 0.0, -0.2)), (1.5, (0.1, -0.05, 0.04)), (4.0, (0.0, 0.0, 0.0))]
 )
 def test_a_payload_is_a_body_welded_to_the_torso(mass, place):
-    """Beside MuJoCo's own robot with one more body: its mass matrix, bias and centre, as it moves."""
+    """Compared with MuJoCo's model with one more body: mass matrix, bias and centre of mass in motion."""
     spec = mujoco.MjSpec.from_file(str(mjcf_path()))
     carried = spec.body("torso").add_body(pos=place, mass=mass, ipos=[0, 0, 0], inertia=[1e-12] * 3)
     carried.explicitinertial = True
@@ -211,7 +211,7 @@ def test_a_payload_is_a_body_welded_to_the_torso(mass, place):
     np.testing.assert_allclose(plant.data.qfrc_bias, data.qfrc_bias, rtol=0, atol=1e-8)
 
 
-def test_a_payload_is_beyond_the_mass_that_the_robot_is_said_to_have_and_nothing_of_it_stays():
+def test_a_payload_adds_to_the_total_mass_and_is_removed_by_the_next_configuration():
     plant = built(payload_mass=2.0, payload_position=np.array([0.1, 0.0, 0.0]), total_mass=15.5)
     assert plant.model.body_mass.sum() == pytest.approx(17.5, abs=1e-9)
     nominal = built()
@@ -221,7 +221,7 @@ def test_a_payload_is_beyond_the_mass_that_the_robot_is_said_to_have_and_nothing
 
 
 @pytest.mark.parametrize("mass", [-0.1, math.nan])
-def test_a_payload_below_nothing_is_refused(mass):
+def test_a_negative_payload_is_refused(mass):
     with pytest.raises(InvalidValueError, match=r"payload_mass = .*(from 0 on, in kg|finite)"):
         BodyConfig(payload_mass=mass)
 
@@ -248,7 +248,7 @@ def test_a_second_configuration_starts_from_the_nominal_body():
 
 
 def resting(pose, height, thrust, vectoring=0.0, steps=60, **body) -> tuple[Plant, Command]:
-    """A robot that rotors carry in part, after it has come to rest on the floor."""
+    """A robot at rest on the floor, partly carried by its rotors, and its command."""
     plant = built(**body)
     told = command(thrust, pose, vectoring)
     start = np.array([0.0, 0.0, height])
@@ -260,7 +260,7 @@ def resting(pose, height, thrust, vectoring=0.0, steps=60, **body) -> tuple[Plan
 
 
 def sliding(plant: Plant, told: Command) -> dict[str, float]:
-    """Largest ratio of friction to normal force of what touches the floor, while the robot is pushed to slide."""
+    """Largest ratio of friction to normal force by geom in contact, while the robot slides after a push."""
     plant.data.qvel[:2] = (0.5, 0.2)
     ratios: dict[str, float] = {}
     for _ in range(60):
@@ -321,7 +321,7 @@ def test_a_link_without_mass_or_inertia_is_refused(name, value):
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 @pytest.mark.parametrize(("name", "shape"), [("link_com", (8, 3)), ("torso_com", (3,))])
-def test_a_centre_of_mass_that_is_nowhere_is_refused(name, shape, value):
+def test_a_centre_of_mass_that_is_not_finite_is_refused(name, shape, value):
     shift = np.zeros(shape)
     shift.flat[-1] = value
     with pytest.raises(InvalidValueError, match=rf"(?s){name} = .*expected"):
@@ -336,14 +336,14 @@ def test_an_array_of_another_length_is_refused(name, shape):
         built(**{name: np.ones(shape)})
 
 
-def test_nobody_can_write_into_the_defaults():
+def test_the_defaults_are_read_only():
     for name in ("link_mass", "link_com", "torso_com", "inertia"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(BodyConfig(), name)[0] = 0.5
 
 
 def test_every_joint_still_has_the_gravity_torque_of_its_pose():
-    """The weights the servos hold are those of the configured masses: gradient of the potential energy."""
+    """The servos' torques balance the gradient of the potential energy of the configured masses."""
     rng = np.random.default_rng(4)
     body = {"link_mass": FACTORS, "link_com": rng.uniform(-0.01, 0.01, (8, 3)), "total_mass": 16.3}
     plant = built(**body)

@@ -1,4 +1,4 @@
-"""Pins boxes in the world: they are where they are said to be, carry, hit, and throw the air back as a floor does."""
+"""Pins boxes in the world: their contacts and hits, and their ground effect."""
 
 import math
 from dataclasses import replace
@@ -48,7 +48,7 @@ def fallen(robot, height, ticks=80):
 
 
 def compiled_by_mujoco(*boxes) -> mujoco.MjModel:
-    """The same world where MuJoCo's own compiler has put the boxes up."""
+    """The same world with boxes compiled by MuJoCo."""
     spec = mujoco.MjSpec.from_file(str(mjcf_path()))
     for geom in list(spec.geoms):
         if geom.contype == 0 and geom.conaffinity == 0:
@@ -93,7 +93,7 @@ def test_a_platform_carries_as_the_floor_does():
     assert high[-1, 2] == pytest.approx(0.3 + ROBOT.peg_depth, abs=2e-3)
 
 
-def test_robots_of_one_engine_have_boxes_of_their_own_and_none_is_none():
+def test_robots_of_one_engine_have_separate_boxes_and_empty_ones_are_ignored():
     heights = (0.05, 0.2, 0.35)
     config = PlantConfig(aero=VACUUM, ground=floor(PLATFORM))
     engine = Engine("plant", config, 3, 2, alike=False)
@@ -119,7 +119,7 @@ def test_robots_of_one_engine_have_boxes_of_their_own_and_none_is_none():
     engine.close()
 
 
-def test_a_hit_is_what_meets_a_link_or_a_duct_and_not_what_meets_feet_and_pegs():
+def test_a_hit_is_a_contact_of_a_link_or_a_duct_and_not_of_feet_and_pegs():
     robot = plant(PLATFORM)
     fallen(robot, 0.45)
     assert robot.in_contact
@@ -143,7 +143,7 @@ def test_a_hit_is_what_meets_a_link_or_a_duct_and_not_what_meets_feet_and_pegs()
     assert len(robot.touch().feet) == N_LEGS
 
 
-def test_a_platform_throws_the_air_back_as_the_floor_does_and_only_where_it_is():
+def test_a_platform_has_the_ground_effect_of_the_floor_and_only_where_it_is():
     def factors(height, *boxes):
         robot, q = Plant(PlantConfig(ground=floor(*boxes))), np.zeros(16)
         robot.reset(np.array([0.0, 0.0, height]), joint_position=q, thrust=np.full(8, ROBOT.hover_thrust))
@@ -169,13 +169,13 @@ def test_the_manager_lands_on_a_platform():
     assert seen.phase[-1] == "lie"
     np.testing.assert_allclose(mission.state.position_w, [3.0, 0.0, 0.3 + ROBOT.peg_depth], rtol=0, atol=0.03)
     assert 0.0 < seen.touchdown < 0.35
-    # The same where the map knows of no platform.
+    # The same where the platform is not on the map.
     mission = Trip(0, ground=floor(box))
     seen = mission.fly([TakeOff(0.8), FlyTo((3.0, 0.0, 1.0), speed=0.8), Land()], 40.0)
     assert mission.state.position_w[2] == pytest.approx(0.3 + ROBOT.peg_depth, abs=0.01)
 
 
-def test_pictures_show_them():
+def test_pictures_show_boxes():
     def picture(ground):
         renderer = OffscreenRenderer("front", 160, 120, ground)
         model = scene(visual=True)
@@ -201,6 +201,6 @@ def test_pictures_show_them():
         (lambda: plant().configure(PlantConfig(aero=VACUUM, ground=floor(PLATFORM))), "the same kind"),
     ],
 )
-def test_what_is_no_box_is_refused(make, words):
+def test_an_invalid_box_is_refused(make, words):
     with pytest.raises(InvalidValueError, match=words):
         make()

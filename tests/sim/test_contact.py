@@ -1,4 +1,4 @@
-"""Pins the contact with the floor: when it is looked for, what touches, how the robot comes to rest."""
+"""Pins the contact with the floor: when it is detected, which parts touch, how the robot comes to rest."""
 
 import math
 
@@ -14,7 +14,7 @@ from spidar_gym.state import Command, RobotState
 
 
 def touching(plant: Plant) -> set[str]:
-    """Names of what touches the floor: the geom's, or its body's where it has none."""
+    """Names of the geoms that touch the floor, or of their bodies where a geom has no name."""
     model = plant.model
     geoms = {int(g) for contact in plant.data.contact for g in contact.geom}
     names = {model.geom(g).name or model.body(model.geom_bodyid[g]).name for g in geoms}
@@ -22,7 +22,7 @@ def touching(plant: Plant) -> set[str]:
 
 
 class Attentive(Plant):
-    """A plant that looks for contacts at every step."""
+    """A plant that detects contacts at every step."""
 
     def step(self, command: Command) -> RobotState:
         self.record["clearance"] = 0.0
@@ -30,7 +30,7 @@ class Attentive(Plant):
 
 
 def fallen(plant: Plant, height: float, speed: float, ticks: int) -> list[np.ndarray]:
-    """What is seen of a plant that starts at a height [m], falls at a speed [m/s] and kicks."""
+    """Motion of a plant that starts at a height [m], falls at a speed [m/s] and moves its joints at random."""
     plant.reset(np.array([0.0, 0.0, height]), ASKEW, FORMS["form2"], rng=np.random.default_rng(1))
     plant.data.qvel[2] = -speed
     return witnessed(plant, ticks)
@@ -38,7 +38,7 @@ def fallen(plant: Plant, height: float, speed: float, ticks: int) -> list[np.nda
 
 @pytest.mark.parametrize("case", ["vacuum", "wake", "everything"])
 @pytest.mark.parametrize(("height", "speed", "ticks"), [(1.6, 0.0, 30), (1.2, 4.0, 12), (3.5, 9.0, 14)])
-def test_not_looking_for_contacts_far_from_the_floor_changes_nothing(case, height, speed, ticks):
+def test_skipping_the_detection_of_contacts_far_from_the_floor_changes_nothing(case, height, speed, ticks):
     config, _ = ODDITIES[case]
     ahead = fallen(Plant(config), height, speed, ticks)
     assert np.array_equal(fallen(Attentive(config), height, speed, ticks), ahead)
@@ -54,7 +54,7 @@ def test_a_robot_that_falls_at_11_metres_a_second_meets_the_floor_in_the_same_st
         one.reset(np.array([0.0, 0.0, height]), ASKEW, FORMS["form2"])
         one.step(command())
         skipped += one.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) > 0
-    assert skipped > 0, "at least the highest starts need no look"
+    assert skipped > 0, "detection is skipped at least from the highest starts"
 
 
 @pytest.mark.parametrize("substeps", [20, 40])

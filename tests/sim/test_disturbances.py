@@ -1,4 +1,4 @@
-"""Pins what comes from outside: refusals, the statistics of wind and pushes, seeds, a lost rotor in the simulation."""
+"""Pins the disturbances: refusals, the statistics of wind and pushes, seeds, a lost rotor in the simulation."""
 
 import copy
 import math
@@ -21,7 +21,7 @@ from spidar_gym.state import Command
 HIGH = np.array([0.0, 0.0, 30.0])
 VACUUM = PlantConfig(aero=AeroConfig(wake=False))
 DT = AIR_STEPS * TIMESTEP
-"""Between two looks at the weather in the simulation [s]."""
+"""Interval between two updates of the weather in the simulation [s]."""
 FOOT = 0.3048
 TERM = 0.177 + 0.000823 * 10.0
 DEVIATION = np.array([0.1 / TERM**0.4, 0.1 / TERM**0.4, 0.1])
@@ -30,13 +30,13 @@ LENGTH = np.array([10.0 / TERM**1.2, 10.0 / TERM**1.2, 10.0]) * FOOT
 
 
 def command(thrust=0.0, vectoring=0.0) -> Command:
-    """A command with straight legs; numbers stand for equal entries."""
+    """A command with straight legs; a number fills all entries of its field."""
     angles = np.broadcast_to(np.asarray(vectoring, float), (8, 2)).copy()
     return Command(np.full(8, float(thrust)), angles, np.zeros(16), np.full(16, ROBOT.max_joint_torque))
 
 
 def weathers(disturbances, seconds, *, dt=DT, seed=0):
-    """Wind, gust and push at every look, and the times of them."""
+    """Times of the updates, and mean wind, gust and push after each of them (T, 3, 3)."""
     rng = np.random.default_rng(seed)
     weather = Weather(disturbances, rng)
     times = dt * np.arange(1, round(seconds / dt) + 1)
@@ -48,13 +48,13 @@ def weathers(disturbances, seconds, *, dt=DT, seed=0):
 
 
 def intervals(times, pushes) -> tuple[np.ndarray, np.ndarray]:
-    """When the pushes begin and end; the last may still be on."""
+    """Begins and ends of the pushes, without one that has not ended."""
     change = np.diff(pushes.any(axis=1).astype(int), prepend=0)
     starts, ends = times[change == 1], times[change == -1]
     return starts[: len(ends)], ends
 
 
-# What is refused.
+# Refusals.
 
 
 @pytest.mark.parametrize("value", [-1.0, -1e-9, math.nan, math.inf])
@@ -107,7 +107,7 @@ def test_disturbances_are_parsed_from_a_dictionary_from_none_or_from_themselves(
 def test_turbulence_has_the_strength_and_the_length_of_drydens_at_10_feet(wind, dt):
     times, seen = weathers(Disturbances(wind=wind), 40000 * dt, dt=dt, seed=1)
     gust = seen[:, 1]
-    # Independent samples there are, and the standard errors that they leave.
+    # Number of independent samples, and four standard errors.
     samples = times[-1] * wind / (2.0 * LENGTH)
     error = 4.0 * np.sqrt(1.0 / (2.0 * samples))
     assert np.all(np.abs(gust.std(axis=0) / (wind * DEVIATION) - 1.0) < error)
@@ -121,7 +121,7 @@ def test_turbulence_has_the_strength_and_the_length_of_drydens_at_10_feet(wind, 
     assert np.abs(mixed).max() < error.max()
 
 
-def test_the_bounds_of_the_statistics_are_narrow_enough_to_mean_something():
+def test_the_bounds_of_the_statistics_are_narrow():
     for wind, dt in ((20.0, 0.1), (20.0, 0.02), (6.0, 0.4)):
         assert 4.0 * np.sqrt(LENGTH.max() / (40000 * dt * wind)) < 0.16
 
@@ -134,7 +134,7 @@ def test_turbulence_is_as_strong_at_the_start_as_later():
 
 
 def test_in_less_than_1_metre_a_second_of_wind_gusts_last_as_long_as_in_1():
-    """Taylor's frozen turbulence would otherwise never pass."""
+    """Taylor's frozen turbulence would last for ever without wind."""
     lag = round(LENGTH[2] / 0.2)
     _, seen = weathers(Disturbances(wind=0.3), 40000 * 0.2, dt=0.2, seed=3)
     gust = seen[:, 1, 2]
@@ -179,7 +179,7 @@ def test_every_push_lasts_a_fifth_of_a_second(dt):
     np.testing.assert_allclose(np.concatenate(lengths), 0.2, rtol=0, atol=0.1 * dt)
 
 
-def test_a_push_never_lasts_shorter_than_a_fifth_of_a_second_nor_longer_than_until_the_next_look():
+def test_a_push_lasts_at_least_a_fifth_of_a_second_and_at_most_until_the_next_update():
     times, seen = weathers(Disturbances(push=30.0), 600.0, seed=5)
     starts, ends = intervals(times, seen[:, 2])
     assert np.all((ends - starts > 0.2 - 1e-9) & (ends - starts < 0.2 + DT + 1e-9))
@@ -201,7 +201,7 @@ def test_pushes_come_every_5_to_15_seconds_the_first_within_15():
     assert 12.0 < max(firsts) < 15.06
 
 
-def test_a_push_has_the_given_force_and_keeps_its_direction_which_is_anyones():
+def test_a_push_has_the_given_force_and_a_constant_random_direction():
     directions = []
     for seed in range(30):
         times, seen = weathers(Disturbances(push=30.0), 100.0, dt=0.05, seed=seed)
@@ -217,7 +217,7 @@ def test_a_push_has_the_given_force_and_keeps_its_direction_which_is_anyones():
 
 
 @pytest.mark.parametrize("begin", [0.1, 3.3, 7.7])
-def test_a_push_in_mid_air_without_gravity_gives_the_robot_its_force_times_a_fifth_of_a_second(begin):
+def test_the_momentum_of_a_push_in_mid_air_is_its_force_times_a_fifth_of_a_second(begin):
     plant = Plant(VACUUM)
     plant.model.opt.gravity[:] = 0.0
     plant.reset(HIGH, disturbances=Disturbances(push=30.0), rng=np.random.default_rng(6))
@@ -268,7 +268,7 @@ def test_wind_blows_the_robot_along(wake):
     for _ in range(10):
         state = plant.step(command(ROBOT.hover_thrust))
         np.testing.assert_array_equal(plant.record["weather"]["mean_w"], mean)
-    # 31 N of ram drag and some more on 16 kg for a quarter of a second, give or take the gusts.
+    # Ram drag of 31 N and other drag accelerate 16 kg for a quarter of a second; the gusts vary it.
     assert 0.25 < state.velocity_w @ mean / 5.0 < 0.9
 
 
@@ -277,7 +277,7 @@ def test_wind_blows_the_robot_along(wake):
 
 @pytest.mark.parametrize("idle", [0.0, 1.2])
 @pytest.mark.parametrize("rotor", [1, 4, 8])
-def test_a_lost_rotor_thrusts_as_told_until_the_fault_and_then_decays_to_nothing(rotor, idle):
+def test_a_lost_rotor_thrusts_as_commanded_until_the_fault_and_then_decays_to_nothing(rotor, idle):
     plant = Plant(PlantConfig(idle_thrust=idle))
     plant.reset(
         HIGH, thrust=np.full(8, ROBOT.hover_thrust), disturbances=Disturbances(lost_rotor=rotor, fault_time=0.1)
@@ -290,7 +290,7 @@ def test_a_lost_rotor_thrusts_as_told_until_the_fault_and_then_decays_to_nothing
         np.testing.assert_allclose(state.thrust, expected, rtol=0, atol=1e-6)
     assert state.thrust[rotor - 1] < 1e-3
     state = plant.step(command(40.0))
-    assert state.thrust[rotor - 1] < 1e-3, "and it does not come back"
+    assert state.thrust[rotor - 1] < 1e-3, "the thrust stays zero"
 
 
 def test_nothing_is_lost_before_its_time_or_where_no_rotor_is_named():
@@ -320,7 +320,7 @@ def test_a_stuck_module_stays_where_it_is_while_the_others_obey_and_it_still_thr
     np.testing.assert_allclose(state.thrust, 20.0, rtol=0, atol=1e-3)
 
 
-def test_a_module_that_fails_on_its_way_stops_there():
+def test_a_module_that_fails_in_motion_stops_there():
     plant = Plant()
     plant.reset(HIGH, disturbances=Disturbances(lost_rotor=5, fault="vectoring", fault_time=0.1))
     for k in range(30):

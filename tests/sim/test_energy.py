@@ -23,7 +23,7 @@ RNG_SEED = 3
 
 
 def command(thrust, joints=0.0, limit=ROBOT.max_joint_torque) -> Command:
-    """A command with upright rotors; numbers stand for equal entries."""
+    """A command with upright rotors; a number fills all entries of its field."""
     return Command(np.full(8, float(thrust)), np.zeros((8, 2)), np.full(16, float(joints)), np.full(16, float(limit)))
 
 
@@ -73,7 +73,7 @@ def test_endurance_is_the_usable_energy_over_the_power_and_falls_with_it():
 # Power.
 
 
-def test_standing_still_without_thrust_still_costs_the_computer_and_servos_60_watt():
+def test_computer_and_servos_use_60_watt_at_rest_without_thrust():
     assert lift_power(0.0) == 60.0
     assert lift_power(-1e-9) == 60.0
 
@@ -102,7 +102,7 @@ def test_no_rotor_beats_the_ideal_duct():
     assert 0.55 < ideal / (lift_power(ROBOT.hover_thrust) - 60.0) < 0.75
 
 
-def test_a_servo_pays_for_work_and_holding_and_gets_nothing_back():
+def test_a_servo_uses_power_for_work_and_holding_and_recovers_none():
     still, thrust = np.zeros(16), np.zeros(8)
     torque, rate = np.zeros(16), np.zeros(16)
     torque[5], rate[5] = 4.0, 0.2
@@ -154,7 +154,7 @@ def test_an_empty_battery_under_the_load_of_a_hover_still_hovers():
 
 
 def test_the_energy_of_a_flight_is_the_integral_of_its_power():
-    """Thrusts and joints in motion; the power of every physics step, taken from the states."""
+    """Thrusts and joints are in motion; the power of every physics step is computed from the states."""
     drawn, integral = [], 0.0
     for substeps in (1, 10):
         plant, rng = Plant(PlantConfig(substeps=substeps)), np.random.default_rng(RNG_SEED)
@@ -174,7 +174,7 @@ def test_the_energy_of_a_flight_is_the_integral_of_its_power():
     np.testing.assert_allclose(drawn[1], drawn[0], rtol=0.03)
 
 
-def test_energy_only_grows_and_starts_anew_with_a_reset():
+def test_energy_only_grows_and_is_zero_after_a_reset():
     plant, drawn = Plant(), [0.0]
     plant.reset(HIGH)
     for thrust in (0.0, 20.0, 0.0, 0.0, 40.0):
@@ -187,7 +187,7 @@ def test_energy_only_grows_and_starts_anew_with_a_reset():
 
 
 def full_throttle(energy, *, battery=True, ticks=60) -> Plant:
-    """A plant that has drawn an energy [Wh] and then been asked for all there is."""
+    """A plant that has used an energy [Wh], after `ticks` at the largest thrust."""
     plant = Plant(PlantConfig(actuators=ActuatorConfig(battery=battery)))
     plant.reset(HIGH)
     plant.record["energy_wh"] = float(energy)
@@ -196,7 +196,7 @@ def full_throttle(energy, *, battery=True, ticks=60) -> Plant:
     return plant
 
 
-def test_the_largest_thrust_falls_during_a_flight_and_only_if_that_is_asked_for():
+def test_the_largest_thrust_falls_during_a_flight_only_with_a_simulated_battery():
     reached = [full_throttle(share * FLYABLE).state().thrust for share in (0.0, 0.5, 1.0)]
     assert np.all(np.diff(reached, axis=0) < -1.0)
     assert 25.0 < reached[2].min() <= reached[0].max() < 40.5
@@ -204,7 +204,7 @@ def test_the_largest_thrust_falls_during_a_flight_and_only_if_that_is_asked_for(
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
-def test_full_throttle_settles_where_the_voltage_under_its_own_load_gives_that_thrust(share):
+def test_full_throttle_settles_at_the_thrust_of_the_voltage_under_its_own_load(share):
     plant = full_throttle(share * FLYABLE)
     energy = plant.energy_wh
     expected = brentq(lambda thrust: max_thrust(voltage(energy, lift_power(thrust))) - thrust, 1.0, 42.0)

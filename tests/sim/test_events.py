@@ -1,4 +1,4 @@
-"""Pins what happens between physics steps: the list, its order and its rates."""
+"""Pins the events between physics steps: their list, order and rates."""
 
 import ast
 import inspect
@@ -25,7 +25,7 @@ def test_an_event_is_due_at_the_next_multiple_of_its_steps_and_never_at_once():
     assert [due(PlantMemory(clock=clock)) for clock in (0, 1, 4, 5, 9)] == [5, 5, 5, 10, 10]
 
 
-def test_a_delivery_is_due_when_the_first_command_on_its_way_arrives():
+def test_a_delivery_is_due_when_the_first_pending_command_arrives():
     part, values = slice(0, 8), np.zeros(8)
     assert next_arrival(PlantMemory()) == NEVER
     assert next_arrival(PlantMemory(pending=[(7, part, values), (3, part, values)])) == 3

@@ -1,4 +1,4 @@
-"""Pins the floor: where it tilts, where its tiles are, what touches it, slip and clearance, a flat one as before."""
+"""Pins the floor: slope, tiles, contacts, slip and clearance, and a flat floor bit for bit."""
 
 import math
 from dataclasses import replace
@@ -37,12 +37,12 @@ def off(q=LYING) -> Command:
 
 
 def centre_of(i, j):
-    """Middle of a tile, floor axes."""
+    """Centre of a tile, floor axes."""
     return np.array([(i + 0.5 - TILES / 2) * TILE, (j + 0.5 - TILES / 2) * TILE])
 
 
 def moved(plant, position_w, R_wb, q=LYING, vectoring=None):
-    """The robot put somewhere at rest."""
+    """Simulation data of the robot placed at rest."""
     plant.reset(position_w, matrix_to_quat(R_wb), q, vectoring)
     return plant.data
 
@@ -105,7 +105,7 @@ def test_rays_meet_the_floor_at_its_height(slope, heading, with_tiles, visual):
     data.qpos[:3] = ground.R_wf @ (0.0, 0.0, 50.0)
     mujoco.mj_kinematics(model, data)
     points_f = np.column_stack([rng.uniform(-2.3, 2.3, (300, 2)), np.full(300, 3.0)])
-    # Away from the edges of the tiles, where a hair decides.
+    # Away from the edges of the tiles, where the height is ambiguous.
     points_f = points_f[np.abs((points_f[:, :2] / TILE + 0.5) % 1.0 - 0.5).min(axis=1) > 0.01]
     hit, normal = np.zeros(1, np.int32), ground.R_wf[:, 2]
     heights = []
@@ -179,7 +179,7 @@ def test_ducts_touch_exactly_if_the_lowest_reaches_down_to_the_floor(floor):
 
 
 def slip_by_differences(plant, name, radius):
-    """Speed along the floor of the material of a ball where it touches, by moving everything on for a microsecond."""
+    """Speed along the floor of a ball's material at its contact point, by integrating for a microsecond."""
     data, normal, h = plant.data, plant.config.ground.R_wf[:, 2], 1e-6
     geom = data.geom(name)
     body = int(plant.model.geom_bodyid[geom.id])
@@ -202,7 +202,7 @@ def test_slip_of_touching_feet_and_torso_pegs_is_the_speed_of_their_lowest_point
     rng, plant = np.random.default_rng(5), plant_on(slope=slope, heading=heading)
     R_wf, data = plant.config.ground.R_wf, plant.data
     for trial in range(4):
-        # Pressed into the floor by 1 mm, so that feet and pegs touch, and dragged; last time with every joint turning.
+        # Pressed into the floor by 1 mm, so that feet and pegs touch, and dragged; the last trial with moving joints.
         moved(plant, R_wf @ (0.0, 0.0, ROBOT.peg_depth - 0.001), R_wf)
         data.qvel[:3] = R_wf @ (*rng.uniform(-0.5, 0.5, 2), -0.1)
         if trial:
@@ -230,7 +230,7 @@ def test_a_ball_that_rolls_does_not_slip_and_nothing_slips_in_the_air():
     mujoco.mj_forward(plant.model, data)
     reach = np.linalg.norm([data.site(name).xpos[:2] for name in FOOT_SITES], axis=1)
     np.testing.assert_allclose(plant.touch().foot_slip, 3.0 * reach, rtol=1e-9)
-    # A robot that turns over its foot's touching point: every point but that one moves.
+    # A robot that rotates about its foot's contact point: every other point moves.
     bottom = data.site("foot1").xpos - (0.0, 0.0, ROBOT.foot_radius)
     omega = np.array([0.4, -0.7, 0.2])
     data.qvel[:6] = *np.cross(omega, data.qpos[:3] - bottom), *omega
@@ -277,7 +277,7 @@ def test_a_robot_laid_on_a_raised_block_lies_that_much_higher():
 
 @pytest.mark.parametrize("with_tiles", [False, True])
 def test_a_robot_that_falls_onto_high_ground_meets_it(with_tiles):
-    """Far up the slope, where the floor is well above the origin."""
+    """The robot falls far up the slope, where the floor is well above the origin."""
     plant = plant_on(slope=0.3, heading=math.pi, **({"tiles": np.full((TILES, TILES), 0.2)} if with_tiles else {}))
     R_wf, x = plant.config.ground.R_wf, -1.0 if with_tiles else -20.0
     top = 0.2 if with_tiles else 0.0
@@ -292,7 +292,7 @@ def test_a_robot_that_falls_onto_high_ground_meets_it(with_tiles):
 
 
 @pytest.mark.parametrize("floor", [{"slope": 0.3}, {"tiles": 0.2}, {"tiles": 0.2, "slope": -0.2}], ids=str)
-def test_not_looking_for_contacts_far_from_high_ground_changes_nothing(floor):
+def test_skipping_the_detection_of_contacts_far_from_high_ground_changes_nothing(floor):
     top, states = floor.get("tiles", 0.0), {}
     for looking in (False, True):
         plant = plant_on(**floor | {"tiles": np.full((TILES, TILES), top)})
@@ -306,8 +306,8 @@ def test_not_looking_for_contacts_far_from_high_ground_changes_nothing(floor):
             states.setdefault(looking, []).append(np.concatenate([plant.data.qpos, plant.data.qvel]))
     np.testing.assert_array_equal(states[True], states[False])
     speeds = np.array(states[True])[:, 39:42] @ R_wf[:, 2]
-    assert speeds.max() > -5.0, "some meet the floor"
-    assert speeds.min() < -11.0, "and some do not yet"
+    assert speeds.max() > -5.0, "some have met the floor"
+    assert speeds.min() < -11.0, "some have not yet"
 
 
 def test_height_follows_the_tiles_and_is_deep_beside_them():
@@ -348,11 +348,11 @@ def test_random_tiles_fill_the_range_keep_the_slope_and_follow_from_the_generato
     assert first.tiles.mean() == pytest.approx(0.04, abs=0.005)
     assert first.uneven
     assert not base.uneven
-    assert not base.tiles.any(), "the floor it was made from is left alone"
+    assert not base.tiles.any(), "the original floor is unchanged"
 
 
 def flight(plant, ticks=60):
-    """Everything that moves of a robot that hops onto the floor, driven at random."""
+    """Positions, velocities and activations of a robot that drops onto the floor under random commands."""
     rng, states = np.random.default_rng(11), []
     plant.reset(np.array([0.0, 0.0, 0.45]), matrix_to_quat(exp(np.array([0.2, -0.1, 0.3]))), FORMS["form1"])
     for _ in range(ticks):
@@ -362,7 +362,7 @@ def flight(plant, ticks=60):
     return np.array(states)
 
 
-def test_a_flat_floor_is_bit_for_bit_the_plane_of_the_scene_that_nobody_laid():
+def test_a_flat_floor_is_bit_for_bit_the_plane_of_the_scene():
     default, chosen, untouched = Plant(), Plant(PlantConfig(ground=GroundConfig(0.0, 1.3))), Plant()
     plane, laid = scene(visual=False), untouched.model
     floor = laid.geom("floor").id

@@ -1,4 +1,4 @@
-"""Pins the jets: their momentum, a duct's thrust in an inflow, and modules that hang alone in each other's way."""
+"""Pins the jets: their momentum, a duct's thrust in an inflow, and isolated modules in each other's jets."""
 
 # pyright: reportAttributeAccessIssue=false
 
@@ -17,13 +17,13 @@ from spidar_gym.sim.air import AIR_DENSITY, DUCT_AREA
 from spidar_gym.so3 import exp, rotation_x
 
 JET_SPEED = math.sqrt(0.5 * ROBOT.hover_thrust / (AIR_DENSITY * DUCT_AREA))
-"""Of a duct at hover: 25 m/s."""
+"""Jet speed of a duct at hover [m/s]: 25."""
 CORES = (3.25, 4.0, 6.2)
 CHIS = (2.1, 2.6, 3.2)
 
 
 def staged(positions, attitudes=None) -> mujoco.MjData:
-    """Modules taken off the robot and hung up where they are told to, the rest of them 50 m apart."""
+    """Modules detached from the robot and placed at `positions` [m], the others 50 m apart."""
     data = posed(np.zeros(16), np.zeros(16), position=np.array([0.0, 0.0, 1000.0]))
     for i in range(8):
         body = world().body(f"gimbal{i + 1}_pitch_module").id
@@ -33,17 +33,17 @@ def staged(positions, attitudes=None) -> mujoco.MjData:
 
 
 def only(*modules) -> np.ndarray:
-    """Hover thrust for these modules."""
+    """Hover thrust of these modules, zero of the others [N]."""
     return np.where(np.isin(np.arange(8), modules), ROBOT.hover_thrust, 0.0)
 
 
 def inflow_of(factor: float) -> float:
-    """Mean speed of the air that comes down on a duct at hover with this thrust factor [m/s]."""
+    """Mean downward inflow speed of a duct at hover with this thrust factor [m/s]."""
     return JET_SPEED * brentq(lambda mu: thrust_factor(np.array([mu]), zero_thrust_speed=2.6)[0] - factor, -1e-6, 2.6)
 
 
 def disc(rings=60, spokes=48) -> np.ndarray:
-    """Points that share a duct's disc evenly."""
+    """Points that cover a duct's disc with equal areas [m]."""
     r = RADIUS * np.sqrt((np.arange(rings) + 0.5) / rings)
     angle = 2 * math.pi * np.arange(spokes) / spokes
     return np.stack([np.outer(r, np.cos(angle)).ravel(), np.outer(r, np.sin(angle)).ravel()], axis=1)
@@ -57,7 +57,7 @@ def test_the_momentum_flux_of_a_jet_is_its_thrust_at_any_distance(core_length, r
     for s in np.geomspace(0.011, 8.0, 25):
         r = np.linspace(0.0, radius + 2.0 * s, 4001)
         u = jet_profile(np.full_like(r, s), r, w, core_length=core_length, radius=radius)
-        assert u[-1] < 1e-6 * w, "the integral ends outside of the jet"
+        assert u[-1] < 1e-6 * w, "the integration range covers the jet"
         assert abs(np.trapezoid(AIR_DENSITY * u**2 * 2 * math.pi * r, r) / thrust - 1.0) < 1e-3, s
 
 
@@ -101,7 +101,7 @@ def test_a_duct_in_still_air_has_its_whole_thrust(chi):
 
 
 @pytest.mark.parametrize("chi", CHIS)
-def test_thrust_falls_with_the_air_that_comes_down_until_none_is_left_at_the_zero_thrust_speed(chi):
+def test_thrust_falls_with_the_inflow_and_is_zero_at_the_zero_thrust_speed(chi):
     down = np.linspace(0.0, chi, 200)
     factor = thrust_factor(down, zero_thrust_speed=chi)
     assert np.all(np.diff(factor) < 0.0)
@@ -144,7 +144,7 @@ def test_a_modules_own_jets_act_neither_on_it_nor_on_its_link(angles):
     for i in range(1, 8):
         data.xpos[world().body(f"gimbal{i + 1}_pitch_module").id] = (50.0 * i, 500.0, 50.0)
     off, on = evaluate(data, NONE), evaluate(data, only(0))
-    # What is left is the idle jets of the others, far away.
+    # The remainder is due to the distant idle jets of the others.
     np.testing.assert_allclose(on.thrust_factor[:2], 1.0, rtol=0, atol=1e-5)
     np.testing.assert_allclose(on.forces_w[:2], 0.0, rtol=0, atol=1e-5)
     np.testing.assert_array_equal(on.forces_w[LINKS][:3], off.forces_w[LINKS][:3])
@@ -152,8 +152,8 @@ def test_a_modules_own_jets_act_neither_on_it_nor_on_its_link(angles):
 
 @pytest.mark.parametrize(("below", "share"), [(0.15, 0.08), (0.3, 0.025), (0.42, 0.015), (0.6, 0.003)])
 @pytest.mark.parametrize("aside", [0.0, 0.03, 0.05, 0.08, 0.12])
-def test_a_duct_feels_the_mean_of_the_jets_over_its_disc(below, share, aside):
-    """The disc is integrated finely; five points do that worse the sharper the jet's edge still is."""
+def test_the_inflow_of_a_duct_is_the_mean_of_the_jets_over_its_disc(below, share, aside):
+    """Compared with a fine integration; the error of the five points grows with the sharpness of the jet's edge."""
     data = staged({0: np.array([0.0, 0.0, 9.0]), 1: np.array([aside, 0.0, 9.0 - below])})
     air = evaluate(data, only(0, 1), ground_effect=0.0)
     s = np.full(len(disc()), below + ROBOT.duct_z[0])
@@ -166,7 +166,7 @@ def test_a_duct_feels_the_mean_of_the_jets_over_its_disc(below, share, aside):
     np.testing.assert_allclose(air.thrust_factor[:2], 1.0, rtol=0, atol=1e-12)
 
 
-def test_a_jet_is_felt_downstream_only_and_along_the_line_it_is_pointed_at():
+def test_a_jet_acts_downstream_only_and_along_its_axis():
     rng = np.random.default_rng(11)
     for _ in range(10):
         R = exp(rng.normal(0, 1, 3))
@@ -178,7 +178,7 @@ def test_a_jet_is_felt_downstream_only_and_along_the_line_it_is_pointed_at():
 
 
 def test_a_jet_from_the_side_pushes_a_duct_along_by_no_more_than_its_own_momentum():
-    """The duct swallows some of it, the rest is drag."""
+    """The duct ingests a part of the jet; the rest is drag."""
     for R in (rotation_x(0.5 * math.pi), rotation_x(-0.5 * math.pi)):
         source = np.array([0.0, ROBOT.duct_offset_y, 9.0])
         air = evaluate(staged({0: source, 1: np.array([0.0, 0.0, 8.6])}, {1: R}), only(0, 1))
@@ -196,12 +196,12 @@ def test_a_jet_on_the_torso_pushes_it_by_no_more_than_its_own_momentum():
         np.testing.assert_allclose(total[:2], 0.0, rtol=0, atol=1e-9)
 
 
-def test_two_jets_on_one_line_blow_faster_than_the_faster_one_by_at_most_a_fifth():
+def test_two_jets_on_one_line_exceed_the_faster_one_by_at_most_a_fifth():
     at = {0: np.array([0.0, 0.0, 9.4]), 1: np.array([0.0, 0.0, 9.0]), 2: np.array([0.0, 0.0, 8.7])}
     alone = [inflow_of(evaluate(staged({k: at[k], 2: at[2]}), only(k, 2)).thrust_factor[4]) for k in (0, 1)]
     both = inflow_of(evaluate(staged(at), only(0, 1, 2)).thrust_factor[4])
     assert max(alone) < both < 1.2001 * max(alone)
-    assert sum(alone) > 1.3 * max(alone), "they would add up to more"
+    assert sum(alone) > 1.3 * max(alone), "the sum of the jets would be more"
 
 
 def test_a_weak_flow_adds_up_with_a_strong_one():
@@ -212,7 +212,7 @@ def test_a_weak_flow_adds_up_with_a_strong_one():
     np.testing.assert_allclose(both, strong + weak, rtol=1e-3)
 
 
-def test_no_duct_would_feel_a_jet_that_is_left_out_because_it_is_far(monkeypatch):
+def test_no_jet_that_is_left_out_because_of_its_distance_affects_a_duct(monkeypatch):
     rng, pairs = np.random.default_rng(12), []
     poses = [(rng.uniform(-1.2, 1.5, 16), rng.uniform(-1.5, 1.5, (8, 2))) for _ in range(40)]
     for reach in (reference.REACH, 100.0):

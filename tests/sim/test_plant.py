@@ -1,4 +1,4 @@
-"""Pins the simulated robot: mechanics without contact, limits of the actuators, air or none, refusals."""
+"""Pins the simulated robot: mechanics without contact, limits of the actuators, air and vacuum, refusals."""
 
 import copy
 import math
@@ -86,7 +86,7 @@ def test_moving_legs_leave_the_angular_momentum_about_the_cog_but_for_an_error_t
     assert np.linalg.norm(2 * fine - coarse) < 0.002 * np.linalg.norm(before)
 
 
-def test_thrust_has_come_63_percent_of_its_way_after_30_ms():
+def test_thrust_has_completed_63_percent_of_a_step_after_30_ms():
     plant = Plant(PlantConfig(substeps=12, aero=VACUUM))
     plant.reset(HIGH, thrust=np.full(8, 5.0))
     thrust = plant.step(command(25.0)).thrust
@@ -125,7 +125,7 @@ def test_an_unsaturated_joint_servo_is_the_papers_pd_law():
         targets = rng.uniform(-0.3, 0.3, 16)
         plant.step(command(joints=targets))
         setpoint = np.array([plant.data.act[plant.model.actuator_actadr[servo]] for servo in servos])
-        # A servo moves its setpoint first, by what the joint speed allows in one physics step.
+        # A servo first slews its setpoint, at the joint speed for one physics step.
         setpoint += np.clip(targets - setpoint, -ROBOT.joint_speed * TIMESTEP, ROBOT.joint_speed * TIMESTEP)
         mujoco.mj_forward(plant.model, plant.data)
         q = np.array([plant.data.qpos[joint.qposadr[0]] for joint in joints])
@@ -169,7 +169,7 @@ def test_vectoring_turns_without_end_and_within_its_torque():
     assert abs(torque - ROBOT.max_vectoring_torque) < 1e-12
 
 
-def test_reset_puts_every_joint_and_rotor_where_it_was_asked_at_rest():
+def test_reset_places_every_joint_and_rotor_as_requested_at_rest():
     rng = np.random.default_rng(2)
     q, vectoring, thrust = rng.uniform(-1, 1, 16), rng.uniform(-3, 3, (8, 2)), rng.uniform(0, 42, 8)
     plant = dropped()
@@ -184,7 +184,7 @@ def test_reset_puts_every_joint_and_rotor_where_it_was_asked_at_rest():
     assert not plant.data.qvel.any()
 
 
-def test_a_state_handed_out_does_not_change_afterwards():
+def test_a_returned_state_does_not_change_afterwards():
     plant = dropped()
     state = plant.state()
     before = copy.deepcopy(state)
@@ -229,13 +229,13 @@ def test_hovering_is_possible_in_air(form):
         factors.append(info["thrust_factor"])
         assert not terminated
     env.close()
-    assert np.abs(np.array(factors) - 1.0).max() > 1e-4, "the air is there"
+    assert np.abs(np.array(factors) - 1.0).max() > 1e-4, "the air acts"
     assert np.linalg.norm(info["position_error"]) < 0.05
     assert np.linalg.norm(info["attitude_error"]) < 0.02
 
 
-def test_a_state_that_is_no_number_is_reported_until_the_next_reset_or_restore(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # MuJoCo logs what it warns of in the working folder
+def test_a_state_that_is_not_finite_is_reported_until_the_next_reset_or_restore(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo logs its warnings in the working folder
     plant = dropped()
     tumbled(plant, 3)
     saved = plant.save()

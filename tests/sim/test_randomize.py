@@ -1,4 +1,4 @@
-"""Pins the domain randomisation: reproducible draws that cover their ranges, their blend by strength, the robot."""
+"""Pins the domain randomisation: reproducible samples over their ranges, the blend by strength, the robot."""
 
 import math
 from dataclasses import fields, is_dataclass
@@ -37,18 +37,18 @@ def drawn(seed: int, strength: float = 1.0, nominal: PlantConfig = NOMINAL):
 
 
 def value(config: PlantConfig, row: Row):
-    """The number or array that a row is about."""
+    """Value of a row's field in a configuration."""
     part, name = row.field.split(".")
     return getattr(getattr(config, part), name)
 
 
 def applied(row: Row, base, draw):
-    """The nominal number or array with a draw in it."""
+    """The nominal value with a draw applied to it."""
     return {"set": draw, "scale": base * draw, "add": base + draw}[row.operation]
 
 
 def neutral(row: Row, nominal: PlantConfig = NOMINAL) -> float:
-    """The draw that changes nothing."""
+    """The draw for which the value stays nominal."""
     return float(value(nominal, row)) if row.operation == "set" else {"scale": 1.0, "add": 0.0}[row.operation]
 
 
@@ -75,7 +75,7 @@ by_row = pytest.mark.parametrize("row", TABLE, ids=lambda row: row.field)
 
 
 @by_row
-def test_a_row_says_a_field_an_operation_a_range_a_unit_and_a_source(row):
+def test_a_row_has_an_operation_a_range_a_unit_and_a_source(row):
     nominal = np.asarray(value(NOMINAL, row), float)
     assert row.operation in OPERATIONS
     assert math.isfinite(row.low)
@@ -93,13 +93,13 @@ def test_no_field_has_two_rows():
     assert len({row.field for row in TABLE}) == len(TABLE)
 
 
-def test_the_nominal_robot_is_one_of_those_that_are_drawn_but_for_the_delays_that_it_does_not_have():
+def test_the_nominal_robot_is_within_every_range_except_for_the_delay():
     outside = {row.field for row in TABLE if not row.low <= neutral(row) <= row.high}
     assert outside == {"actuators.delay"}
 
 
 @by_row
-def test_the_ends_of_a_range_are_robots_that_can_be_simulated(row):
+def test_the_ends_of_a_range_are_valid(row):
     part, name = row.field.split(".")
     for end in (row.low, row.high):
         changed = applied(row, value(NOMINAL, row), end)
@@ -147,7 +147,7 @@ def test_the_draws_fill_their_range_evenly(many, row):
     places = (many[row.field].reshape(N_DRAWS, -1) - row.low) / (row.high - row.low)
     assert places.min() >= 0.0
     assert places.max() <= 1.0
-    # Of 2000 even draws the chance of none in the last 5 % is 10⁻⁴⁵; 3 % are five standard errors of their mean.
+    # With 2000 uniform draws, the chance of none in the last 5 % is 10⁻⁴⁵; 3 % are five standard errors of the mean.
     assert np.all(places.min(axis=0) < 0.05)
     assert np.all(places.max(axis=0) > 0.95)
     assert np.all(np.abs(places.mean(axis=0) - 0.5) < 0.03)
@@ -155,7 +155,7 @@ def test_the_draws_fill_their_range_evenly(many, row):
 
 
 @pytest.mark.parametrize("strength", [0.25, 0.7])
-def test_at_a_lower_strength_the_range_shrinks_towards_what_changes_nothing(strength):
+def test_at_a_lower_strength_the_range_shrinks_towards_the_neutral_draw(strength):
     rng = np.random.default_rng(8)
     robots = [randomize(NOMINAL, rng, strength)[1] for _ in range(300)]
     for row in TABLE:
@@ -210,7 +210,7 @@ def test_what_has_no_row_stays_and_the_nominal_robot_is_not_written():
             assert unchanged == (f"{f.name}.{g.name}" not in varied), f"{f.name}.{g.name}"
 
 
-def test_every_drawn_robot_can_be_built_and_weighs_what_was_drawn():
+def test_every_randomised_robot_can_be_built_and_has_the_sampled_mass():
     plant = Plant()
     for seed in range(10):
         config, draws = drawn(seed)
@@ -231,8 +231,8 @@ def test_a_strength_outside_0_to_1_is_refused(strength):
             refuse()
 
 
-def test_a_strength_that_is_no_number_is_refused():
-    # The type checks of the tests are faster than the function's own; both are of these kinds.
+def test_a_strength_that_is_a_string_is_refused():
+    # The tests' type checks would raise first, so the unwrapped function is called.
     unchecked = getattr(check_strength, "__wrapped__", check_strength)
     with pytest.raises(InvalidValueError, match=r"randomization = '1' .*0 … 1"):
         unchecked("1")
@@ -249,7 +249,7 @@ def draws_of(env, seed=None) -> dict[str, np.ndarray]:
     return env.reset(seed=seed)[1]["randomization"]
 
 
-def test_an_environment_draws_the_same_robot_for_the_same_seed_and_others_for_other_seeds():
+def test_an_environment_samples_the_same_robot_for_the_same_seed_and_others_for_other_seeds():
     env, other = made(randomization=1.0), made(randomization=1.0)
     first, again, elsewhere, different = draws_of(env, 7), draws_of(env, 7), draws_of(other, 7), draws_of(env, 8)
     following = draws_of(env)
@@ -261,7 +261,7 @@ def test_an_environment_draws_the_same_robot_for_the_same_seed_and_others_for_ot
         assert np.all(different[name] != following[name]), "every episode has its own robot"
 
 
-def test_the_robot_of_an_episode_is_the_one_that_info_tells_until_the_next_reset():
+def test_the_robot_of_an_episode_is_the_one_in_info_until_the_next_reset():
     env = made(randomization=0.6)
     draws = draws_of(env, 3)
     plant = env.unwrapped.plant
@@ -304,7 +304,7 @@ def test_environments_of_different_strength_share_the_draw():
         np.testing.assert_allclose(half[row.field], blend, rtol=1e-12, atol=1e-15)
 
 
-def test_the_controller_believes_in_the_nominal_mass_whatever_is_drawn():
+def test_the_controller_uses_the_nominal_mass_for_any_sampled_mass():
     env = made(randomization=1.0, forms="form1")
     drawn_mass = draws_of(env, 2)["body.total_mass"]
     assert abs(drawn_mass - ROBOT.total_mass) > 0.1
@@ -323,7 +323,7 @@ def sensed():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_second_of_flight_of_a_drawn_robot_with_sensors_is_made_of_numbers(sensed, seed):
+def test_a_second_of_flight_of_a_randomised_robot_with_sensors_is_finite(sensed, seed):
     env = sensed
     observation, info = env.reset(seed=seed)
     for _ in range(40):
@@ -341,7 +341,7 @@ def test_a_second_of_flight_of_a_drawn_robot_with_sensors_is_made_of_numbers(sen
             break
 
 
-def test_a_range_of_ones_own_is_covered_and_all_else_stays_as_it_is():
+def test_a_custom_range_is_covered_and_every_other_field_stays_nominal():
     how, rng = (
         Randomization.parse({"body.total_mass": (16.5, 17.0), "actuators.module_gain": (0.5, 0.6)}),
         np.random.default_rng(0),
@@ -359,7 +359,7 @@ def test_a_range_of_ones_own_is_covered_and_all_else_stays_as_it_is():
     assert 0.5 <= np.min(gains) < 0.505 < 0.595 < np.max(gains) <= 0.6
 
 
-def test_with_a_strength_the_others_are_drawn_as_ever_and_from_the_same_numbers():
+def test_with_a_strength_the_other_fields_are_sampled_from_the_same_random_numbers():
     own = {"body.total_mass": (16.5, 17.0)}
     ways = Randomization.parse(0.5), Randomization.parse({**own, "strength": 0.5})
     alone, both = (randomize(NOMINAL, np.random.default_rng(3), how)[1] for how in ways)
@@ -379,7 +379,7 @@ delay = [0.0, 0.01]
 """
 
 
-def test_ranges_come_from_a_file_too_and_a_bad_one_is_refused_in_a_line(tmp_path):
+def test_ranges_are_read_from_a_file_and_an_invalid_file_is_refused_in_one_line(tmp_path):
     path = tmp_path / "ranges.toml"
     path.write_text(TOML, encoding="utf-8")
     own = {"strength": 0.25, "body.total_mass": (16.5, 17.0), "actuators.delay": (0.0, 0.01)}

@@ -40,7 +40,7 @@ def no_display(monkeypatch):
 
 @drawing
 @pytest.mark.parametrize("mode", ["rgb_array", "depth_array"])
-def test_an_environment_renders_pictures_of_the_size_asked_for_without_a_display(mode, no_display):
+def test_an_environment_renders_pictures_of_the_requested_size_without_a_display(mode, no_display):
     env = gymnasium.make(HOVER, render_mode=mode, width=WIDTH, height=HEIGHT)
     env.reset(seed=0)
     image = env.render()
@@ -78,7 +78,7 @@ def test_pictures_need_no_display_whatever_was_imported_first(first, named):
 
 @drawing
 @pytest.mark.parametrize("camera", CAMERAS)
-def test_every_camera_sees_the_robot_in_the_middle_and_follows_it(camera, plant):
+def test_every_camera_shows_the_robot_in_the_middle_and_follows_it(camera, plant):
     renderer = OffscreenRenderer(camera, WIDTH, HEIGHT)
     depth = renderer.render(plant.data.qpos, depth=True)
     picture = renderer.render(plant.data.qpos).astype(int)
@@ -112,7 +112,7 @@ def test_depth_is_the_distance_to_the_floor_in_metres(plant):
 
 
 @drawing
-def test_a_picture_handed_out_does_not_change_with_the_next(plant):
+def test_a_returned_picture_does_not_change_with_the_next(plant):
     renderer = OffscreenRenderer("side", WIDTH, HEIGHT)
     first = renderer.render(plant.data.qpos)
     before = first.copy()
@@ -149,7 +149,7 @@ def test_an_unknown_camera_is_refused_with_the_names_of_all():
 
 
 @pytest.mark.parametrize("screen", ["", ":99", "nonsense"])
-def test_a_window_without_a_display_is_refused_with_what_works_without(screen, no_display, monkeypatch):
+def test_a_window_without_a_display_is_refused_with_the_modes_that_need_none(screen, no_display, monkeypatch):
     monkeypatch.setenv("DISPLAY", screen)
     env = gymnasium.make(HOVER, render_mode="human")
     for attempt in (require_display, lambda: Window(0.025), lambda: env.reset(seed=0)):

@@ -1,4 +1,4 @@
-"""Pins saving, restoring and resetting: exact whatever happens to the robot; nothing stays of the episode before."""
+"""Pins saving, restoring and resetting: exact under every disturbance, and independent of earlier episodes."""
 
 import copy
 from dataclasses import fields, replace
@@ -25,7 +25,7 @@ from spidar_gym.state import RobotState
 
 
 def odd(case: str) -> Plant:
-    """A plant above the floor, askew, that what `case` names happens to."""
+    """A tilted plant above the floor with the configuration and disturbances of `case`."""
     config, disturbances = ODDITIES[case]
     plant = Plant(config)
     start = np.array([0.0, 0.0, 0.37])
@@ -82,7 +82,7 @@ def test_a_restored_plant_touches_the_floor_exactly_if_the_saved_one_did():
 
 
 @pytest.mark.parametrize("change", [lambda s: s[:-1], lambda s: s + b"0", lambda s: b""])
-def test_a_saved_moment_of_another_length_is_refused(change):
+def test_a_saved_state_of_another_length_is_refused(change):
     plant = dropped()
     saved = plant.save()
     with pytest.raises(InvalidValueError, match=f"{len(saved.robot)} and .* bytes"):
@@ -91,7 +91,7 @@ def test_a_saved_moment_of_another_length_is_refused(change):
 
 @pytest.mark.parametrize("ticks", [3, 16])
 @pytest.mark.parametrize("case", ODDITIES)
-def test_a_restored_plant_continues_bit_for_bit_whatever_happens_to_it(case, ticks):
+def test_a_restored_plant_continues_bit_for_bit_under_every_disturbance(case, ticks):
     plant = odd(case)
     witnessed(plant, ticks)
     saved = plant.save()
@@ -102,11 +102,11 @@ def test_a_restored_plant_continues_bit_for_bit_whatever_happens_to_it(case, tic
         again.restore(saved)
         assert same(again.save(), kept)
         assert np.array_equal(witnessed(again, 8, seed=1), ahead)
-    assert same(saved, kept), "restoring writes nothing into what was saved"
+    assert same(saved, kept), "restoring does not modify the saved state"
 
 
-def test_the_moments_that_are_restored_have_a_command_on_its_way_a_push_a_stuck_servo_and_a_contact():
-    """Without these the test above would be easier than it looks."""
+def test_the_restored_states_include_a_pending_command_a_push_a_stuck_servo_and_a_contact():
+    """Without these conditions the test above would be weaker."""
     plant = odd("everything")
     assert not plant.in_contact
     witnessed(plant, 3)
@@ -130,7 +130,7 @@ def test_the_moments_that_are_restored_have_a_command_on_its_way_a_push_a_stuck_
 
 
 @pytest.mark.parametrize("case", ["wind", "pushes", "lost thrust", "lost vectoring"])
-def test_what_happens_to_the_robot_is_part_of_a_saved_moment_even_if_the_plant_was_reset_since(case):
+def test_the_disturbances_are_part_of_a_saved_state_even_if_the_plant_was_reset_since(case):
     plant = odd(case)
     witnessed(plant, 2)
     saved = plant.save()
@@ -141,7 +141,7 @@ def test_what_happens_to_the_robot_is_part_of_a_saved_moment_even_if_the_plant_w
 
 
 @pytest.mark.parametrize("case", ODDITIES)
-def test_a_reset_leaves_nothing_of_the_episode_before(case):
+def test_a_reset_does_not_depend_on_the_episode_before(case):
     config, disturbances = ODDITIES[case]
     used = odd(case)
     witnessed(used, 8)

@@ -1,4 +1,4 @@
-"""Pins the sensors: rates, latency, truth without noise, quantisation, size and colour of the noise, refusals."""
+"""Pins the sensors: rates, latency, true values without noise, quantisation, size and colour of noise, refusals."""
 
 import math
 from dataclasses import asdict, fields, replace
@@ -27,15 +27,15 @@ VACUUM = AeroConfig(wake=False)
 PERFECT = SensorConfig(factor=0.0, dropout=0.0)
 FC = np.array(ROBOT.flight_controller)
 JOINT_STEPS = np.tile([2 * math.pi / 2**13, 2 * math.pi / 2**12], 8)
-"""Yaw and pitch: 13 and 12 bits a turn [rad]."""
+"""Resolution of yaw and pitch joints [rad]: 13 and 12 bits a turn."""
 VECTORING_STEPS = np.tile([0.00092, 0.00115], (8, 1))
 STILL = resting(FORMS["form2"], joint_torque=np.linspace(-5.0, 5.0, 16))
 QUIET = {f.name: 0.0 for f in fields(SensorConfig) if f.name not in ("latency", "factor")}
-"""Every kind of noise off, one by one."""
+"""Configuration with every kind of noise at zero."""
 
 
 def only(**noise) -> SensorConfig:
-    """Sensors with these kinds of noise and no others."""
+    """Sensor configuration with only these kinds of noise."""
     return SensorConfig(**(QUIET | noise))
 
 
@@ -44,7 +44,7 @@ def at_rest():
     state = replace(STILL)
 
     def motion(time):
-        # To build a state takes longer than to measure it.
+        # Updated in place, because building a state takes longer than measuring it.
         object.__setattr__(state, "time", time)
         return state
 
@@ -52,12 +52,12 @@ def at_rest():
 
 
 def watch(config, seconds, *, motion=None, seed=0, tick=0.025):
-    """What sensors of a robot in motion say, one measurement a control tick from time 0 on."""
+    """Measurements of a robot in motion, one a control tick from time 0 on."""
     sensors, rng, said, motion = Sensors(config), np.random.default_rng(seed), [], motion or at_rest()
     memory = sensors.start(motion(0.0), rng)
     said.append(sensors.read(memory, 0.0))
     each = round(tick / 0.005)
-    # The clock of the simulation is a sum of its steps.
+    # The simulation's time is accumulated step by step.
     for n, time in enumerate(np.cumsum(np.full(2 * round(seconds / 0.005), TIMESTEP))[1::2].tolist(), 1):
         sensors.sample(memory, motion(time), rng)
         if n % each == 0:
@@ -66,7 +66,7 @@ def watch(config, seconds, *, motion=None, seed=0, tick=0.025):
 
 
 def frames(said):
-    """Times, positions and attitudes of all frames but the first, which is older than the robot."""
+    """Times, positions and attitudes of all frames except for the first, which was taken before time 0."""
     parts = [(m.pose_time, m.pose_position_w, m.pose_quat_wb) for m in said]
     return [
         np.concatenate([part[i][: m.pose_count] for part, m in zip(parts, said, strict=True)])[1:] for i in range(3)
@@ -80,7 +80,7 @@ def samples(said):
 
 
 def command(rng=None) -> Command:
-    """A random command, or one that does nothing."""
+    """A random command, or a zero command without `rng`."""
     if rng is None:
         return Command(np.zeros(8), np.zeros((8, 2)), np.zeros(16), np.full(16, 7.0))
     return Command(rng.uniform(0, 15, 8), rng.uniform(-1, 1, (8, 2)), rng.uniform(-1, 1, 16), np.full(16, 7.0))
@@ -102,7 +102,7 @@ def tumble(seconds, *, tumbling=True, config=PERFECT, substeps=2, seed=0, **othe
 
 
 def swing(time):
-    """A robot that swings about its torso's origin, which circles, with joints on the move; all of it exact."""
+    """Exact state of a robot that swings about its torso's origin, which circles, with moving joints."""
     omega = np.array([0.9, -0.5, 0.7]) * math.cos(3.0 * time)
     R = exp(np.array([0.9, -0.5, 0.7]) * math.sin(3.0 * time) / 3.0)
     return replace(
@@ -152,14 +152,14 @@ def test_every_frame_arrives_once_with_the_first_tick_after_its_latency(latency,
 
 
 @pytest.mark.parametrize("substeps", [3, 10, 15])
-def test_every_sample_of_the_inertial_unit_is_handed_out_once_oldest_first(substeps):
+def test_every_sample_of_the_inertial_unit_is_returned_once_oldest_first(substeps):
     _, said = tumble(0.6, substeps=substeps)
     times = samples(said)[0]
     np.testing.assert_allclose(times, 0.005 * np.arange(len(times)), rtol=0, atol=1e-9)
     assert times[-1] > said[-1].time - 0.005 - 1e-9
 
 
-def test_a_second_reading_at_the_same_instant_brings_nothing_new():
+def test_a_second_reading_at_the_same_instant_returns_no_new_data():
     plant = Plant(PlantConfig(sense=True))
     plant.reset(HIGH, rng=np.random.default_rng(0))
     plant.measure()
@@ -181,7 +181,7 @@ def test_a_robot_at_rest_has_a_frame_with_its_first_measurement(latency):
     np.testing.assert_allclose(first.pose_position_w[0], HIGH + quat_to_matrix(ASKEW) @ FC, rtol=0, atol=1e-12)
 
 
-# Truth without noise ------------------------------------------------------------------------------------------------
+# True values without noise ------------------------------------------------------------------------------------------
 
 
 def test_a_perfect_frame_is_the_pose_of_the_flight_controller_when_it_was_taken():
@@ -193,7 +193,7 @@ def test_a_perfect_frame_is_the_pose_of_the_flight_controller_when_it_was_taken(
         np.testing.assert_allclose(quat_to_matrix(quat), R, rtol=0, atol=1e-9)
 
 
-def test_a_perfect_gyroscope_says_omega():
+def test_a_perfect_gyroscope_measures_omega():
     states, said = tumble(0.5)
     omega = np.array([state.omega_b for state in states])
     assert np.abs(omega).max() > 0.3
@@ -207,7 +207,7 @@ def test_specific_force_at_rest_is_one_g_upwards_whatever_the_attitude(turn):
     np.testing.assert_allclose(samples(said)[2] @ R.T, np.tile(G, (21, 1)), rtol=0, atol=1e-9)
 
 
-def test_a_robot_in_free_fall_feels_no_force():
+def test_a_robot_in_free_fall_measures_no_specific_force():
     states, said = tumble(0.5, tumbling=False)
     assert states[-1].velocity_w[2] < -4.8
     assert np.abs(samples(said)[2][1:]).max() < 1e-6
@@ -250,10 +250,10 @@ def test_perfect_servos_report_their_torque():
 
 
 @pytest.mark.parametrize("factor", [0.0, 1.0])
-def test_encoders_say_whole_counts(factor):
+def test_encoders_return_whole_counts(factor):
     for m in watch(SensorConfig(factor=factor), 1.0, motion=swing):
         for angles, step in ((m.joint_position, JOINT_STEPS), (m.vectoring, VECTORING_STEPS)):
-            # The steps are given to three digits.
+            # The resolution is specified to three digits.
             counts = angles / step
             np.testing.assert_allclose(counts, np.round(counts), rtol=5e-4, atol=1e-9)
 
@@ -269,7 +269,7 @@ def test_encoders_without_noise_are_within_half_a_count_and_use_all_of_it():
     assert np.all(largest > 0.4)
 
 
-def test_an_encoder_whose_zero_is_off_says_so_from_the_first_measurement_on_and_the_truth_does_not():
+def test_an_encoder_with_a_zero_offset_indicates_the_commanded_angle_and_the_true_angle_is_off():
     rng = np.random.default_rng(3)
     joint, vectoring = rng.uniform(0.01, 0.03, 16), rng.uniform(-0.02, -0.01, (8, 2))
     config = PlantConfig(
@@ -315,7 +315,7 @@ def test_slow_errors_of_frames_are_as_large_at_the_start_as_later_and_10_s_wide(
     first = np.array([errors(watch(config, 0.025, seed=seed))[0] for seed in range(200)])
     np.testing.assert_allclose(np.sqrt(np.mean(first**2, axis=0)), 1.0, atol=0.2)
     later = errors(watch(config, 20.0))
-    # Of an Ornstein–Uhlenbeck process: E(Δ²) = 2 σ² (1 − exp(−Δt / T)).
+    # Ornstein–Uhlenbeck process: E(Δ²) = 2 σ² (1 − exp(−Δt / T)).
     for lag in (1, 5):
         change = np.mean((later[lag:] - later[:-lag]) ** 2)
         np.testing.assert_allclose(change, 2.0 * (1.0 - math.exp(-0.01 * lag / 10.0)), rtol=0.1)
@@ -337,7 +337,7 @@ def test_rotors_shake_every_sample_of_the_accelerometer_and_no_gyroscope():
     assert not gyro.any()
 
 
-def test_biases_are_drawn_at_switch_on_and_stay():
+def test_biases_are_sampled_at_switch_on_and_stay():
     config = only(gyro_bias=0.01, accelerometer_bias=0.2)
     drawn = []
     for seed in range(200):
@@ -387,14 +387,14 @@ def test_a_drop_out_takes_50_ms_of_frames():
     lengths = gaps[gaps > 0]
     assert len(lengths) > 20
     assert lengths.min() == 5
-    # Longer only where another begins within the first.
+    # A drop-out is longer only where another begins within it.
     assert np.mean(lengths == 5) > 0.8
 
 
 def test_drop_outs_begin_at_their_probability():
     p = 0.05
     times = frames(watch(SensorConfig(dropout=p), 40.0))[0]
-    # A frame is seen where neither it nor any of the four before it began a drop-out.
+    # A frame arrives if neither it nor any of the four before it begins a drop-out.
     np.testing.assert_allclose(len(times) / 4000, (1.0 - p) ** 5, atol=0.05)
 
 
@@ -405,7 +405,7 @@ def test_without_drop_outs_no_frame_is_missing_and_with_nothing_else_none_comes(
     assert len(samples(lost)[0]) == 201
 
 
-# Chance -------------------------------------------------------------------------------------------------------------
+# Randomness ---------------------------------------------------------------------------------------------------------
 
 
 def same(a, b) -> bool:

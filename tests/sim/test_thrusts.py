@@ -1,4 +1,4 @@
-"""Pins the thrusts off their description: gain, imbalance, tilt, offset, largest thrust, battery, lags, noise."""
+"""Pins non-nominal thrusts: gain, imbalance, tilt, offset, largest thrust, battery, lags, noise."""
 
 import math
 
@@ -25,14 +25,14 @@ THRUST = np.linspace(5.0, 26.0, 8)
 
 
 def askew():
-    """A pose: joints, vectoring angles, attitude and its quaternion."""
+    """A tilted pose: joints, vectoring angles, attitude and its quaternion."""
     rng = np.random.default_rng(3)
     R_wb = exp(np.array([0.2, -0.3, 0.5]))
     return rng.uniform(-0.6, 0.6, 16), rng.uniform(-1.0, 1.0, (8, 2)), R_wb, matrix_to_quat(R_wb)
 
 
 def wrench(**actuators):
-    """Force, world, and torque about the torso's origin, torso axes, of eight different thrusts on an askew robot."""
+    """Force, world, and torque about the torso's origin, torso axes, of eight different thrusts on a tilted robot."""
     q, vectoring, _, quat = askew()
     plant = Plant(PlantConfig(aero=VACUUM, actuators=ActuatorConfig(**actuators)))
     plant.model.opt.gravity[:] = 0.0
@@ -42,7 +42,7 @@ def wrench(**actuators):
 
 
 def expected(directions=None, offsets=None, gains=None, moments=None):
-    """The same from the geometry of the description; direction, offset and moment of each module in module axes."""
+    """Expected wrench from the description's geometry; directions, offsets and moments are in module axes."""
     q, vectoring, R_wb, _ = askew()
     positions, attitudes = rotors(model(), q, vectoring)
     force, torque = np.zeros(3), np.zeros(3)
@@ -78,7 +78,7 @@ def test_the_module_gain_scales_the_force_of_its_own_module_on_top_of_the_common
 
 
 @pytest.mark.parametrize("gain", [0.8, 1.1])
-def test_a_robot_with_a_thrust_gain_accelerates_as_much_more(gain):
+def test_the_acceleration_of_a_robot_is_scaled_by_the_thrust_gain(gain):
     plant = floating(thrust=np.full(8, 10.0), thrust_gain=gain)
     plant.step(command(10.0))
     torso = plant.model.body("torso").id
@@ -115,7 +115,7 @@ def test_tilts_about_both_axes_turn_without_stretching_and_each_module_by_its_ow
     turned = [exp(np.array([a, b, 0.0])) @ [0.0, 0.0, 1.0] for a, b in tilts]
     force, torque = wrench(thrust_tilt=tilts)
     about = expected(directions=turned)
-    # The order of two small turns is second order: 0.05² of 120 N.
+    # The order of two small rotations has an effect of second order: 0.05² of 120 N.
     np.testing.assert_allclose(force, about[0], rtol=0, atol=0.05**2 * THRUST.sum())
     np.testing.assert_allclose(torque, about[1], rtol=0, atol=0.05**2 * THRUST.sum())
     alone = [np.zeros((8, 2)) for _ in range(8)]
@@ -127,7 +127,7 @@ def test_tilts_about_both_axes_turn_without_stretching_and_each_module_by_its_ow
         )
 
 
-def test_an_offset_moves_the_point_of_attack_and_leaves_the_force():
+def test_an_offset_moves_the_point_of_attack_and_not_the_force():
     offsets = np.random.default_rng(2).uniform(-0.01, 0.01, (8, 2))
     points = np.concatenate([offsets, np.zeros((8, 1))], axis=1)
     assert_wrench(wrench(thrust_offset=offsets), expected(offsets=points))
@@ -141,7 +141,7 @@ def test_gain_tilt_offset_and_imbalance_are_one_force_at_one_point_and_one_coupl
     moments = np.tile([0.05 * ROBOT.duct_offset_y, 0.0, 0.0], (8, 1))
     actual = wrench(module_gain=gains, thrust_tilt=tilt, thrust_offset=points[:, :2], duct_imbalance=np.full(8, 0.05))
     desired = expected([direction] * 8, points, gains, moments)
-    # A couple about x that tilts with the thrust about x stays a couple about x.
+    # A couple about x is unchanged by a tilt of the thrust about x.
     assert_wrench(actual, desired)
 
 
@@ -154,7 +154,7 @@ def test_no_module_thrusts_more_than_its_largest_thrust(most):
     np.testing.assert_allclose(thrust, most, rtol=1e-9)
 
 
-def test_a_largest_thrust_above_the_descriptions_is_given():
+def test_a_largest_thrust_above_the_descriptions_is_reached():
     plant = floating(max_thrust=50.0)
     for _ in range(40):
         state = plant.step(command(99.0))
@@ -183,7 +183,7 @@ def test_a_battery_lowers_the_limit_and_never_raises_it():
 
 
 @pytest.mark.parametrize("lag", [0.01, 0.03, 0.06])
-def test_a_rising_thrust_has_come_63_percent_of_its_way_after_one_time_constant(lag):
+def test_a_rising_thrust_has_completed_63_percent_of_a_step_after_one_time_constant(lag):
     plant = floating(substeps=round(lag / TIMESTEP), thrust_lag=lag, thrust=np.full(8, 5.0))
     np.testing.assert_allclose(plant.step(command(25.0)).thrust, 25.0 - 20.0 / math.e, rtol=1e-9)
 
@@ -196,7 +196,7 @@ def test_a_falling_thrust_has_its_own_time_constant_from_the_second_evaluation_o
     falling, rising = np.array(away)[:, 0], np.array(away)[:, -1]
     np.testing.assert_allclose(falling[1:] / falling[:-1], math.exp(-AIR_PERIOD / (lag * factor)), rtol=1e-9)
     np.testing.assert_allclose(rising[1:] / rising[:-1], math.exp(-AIR_PERIOD / lag), rtol=1e-9)
-    # It changes its mind within one evaluation.
+    # A thrust that rises again has the other time constant after one evaluation.
     before = plant.step(command(told)).thrust[0]
     turned = [plant.step(command(25.0)).thrust[0] for _ in range(3)]
     gone = (25.0 - np.array([before, *turned[:-1]])) / (25.0 - np.array(turned))
@@ -239,8 +239,8 @@ def test_the_noise_is_a_force_along_the_thrust_of_that_standard_deviation_and_fr
     assert abs(samples.std() - sigma) < 0.1 * sigma
     assert abs(samples.mean()) < 0.1 * sigma
     correlation = np.corrcoef(samples.T) - np.eye(8)
-    assert np.abs(correlation).max() < 0.4, "every module has its own"
-    assert not plant.state().thrust.any(), "it is no part of the thrust that was asked for"
+    assert np.abs(correlation).max() < 0.4, "the noise of the modules is independent"
+    assert not plant.state().thrust.any(), "the noise is no part of the commanded thrust"
     assert np.abs(plant.data.qvel).max() > 1e-3
 
 
@@ -250,7 +250,7 @@ def plant_axes(plant: Plant):
     return plant.data.site_xpos[sites], plant.data.site_xmat[sites].reshape(8, 3, 3)[:, :, 2]
 
 
-def test_without_noise_nothing_is_drawn_and_nothing_pulls():
+def test_without_noise_no_random_number_is_drawn_and_no_force_acts():
     plant, rng = floating(), np.random.default_rng(4)
     before = rng.bit_generator.state
     plant.reset(HIGH, thrust=np.full(8, 10.0), rng=rng)

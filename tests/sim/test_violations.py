@@ -1,4 +1,4 @@
-"""Pins what violated constraints cost: in every environment the same keys, and a 1 for what really happened."""
+"""Pins the costs of violated constraints: the same keys in every environment, and 1 for each violation."""
 
 import gymnasium
 import numpy as np
@@ -13,7 +13,7 @@ DIRECT = {"action_mode": "direct"}
 
 
 def played(name, ticks, control="core", amplitude=1.0, seed=0, **options):
-    """Infos of an episode of noise."""
+    """`info` of every step of an episode with random actions."""
     env = gymnasium.make(name, control=control, **options)
     infos, rng = [env.reset(seed=seed)[1]], np.random.default_rng(seed)
     for _ in range(ticks):
@@ -39,7 +39,7 @@ def test_costs_are_0_at_the_reset_and_the_sum_of_their_parts_after_it(name, cont
 @pytest.mark.parametrize(
     ("name", "options"), [(HOVER, {}), (CRAWL, {"steps": 0.03, "distance": 0.3}), (COURSE, {"hold": 3})]
 )
-def test_readable_controllers_and_the_vector_have_the_costs_of_the_engine(name, options):
+def test_python_controllers_and_the_vector_have_the_costs_of_the_engine(name, options):
     given = {**DIRECT, **options, "max_episode_steps": 60}
     one, other = (played(name, 60, control, **given) for control in ("core", "python"))
     assert len(one) == len(other)
@@ -65,7 +65,7 @@ def test_a_flight_that_ends_on_the_floor_has_touched_it():
     assert ended > 0
 
 
-def test_of_a_crawl_feet_and_pegs_may_touch_and_a_duct_costs_twice():
+def test_in_a_crawl_feet_and_pegs_may_touch_and_a_duct_costs_twice():
     calm = played(CRAWL, 80, amplitude=0.0)
     assert {info["cost"] for info in calm} == {0.0}
     assert any(info["foot_contact"].all() for info in calm)
@@ -87,7 +87,7 @@ def test_a_servo_at_its_limit_and_a_rotor_in_a_jet_cost(name):
     assert limited > 0
 
 
-def test_rotors_that_are_kept_off_each_other_are_blown_on_less():
+def test_avoiding_interference_reduces_the_cost_of_rotors_in_jets():
     found = []
     for avoids in (True, False):
         vector = gymnasium.make_vec(HOVER, 16, forms="mixed", avoid_interference=avoids, wake=True)
@@ -97,7 +97,7 @@ def test_rotors_that_are_kept_off_each_other_are_blown_on_less():
     assert found[1] > 0.01
 
 
-def test_of_a_step_of_several_periods_the_worst_counts():
+def test_the_cost_of_a_step_of_several_periods_is_the_worst_of_them():
     held = played(COURSE, 3, hold=20, **DIRECT)
     env = gymnasium.make(COURSE, hold=1, **DIRECT)
     env.reset(seed=0)
@@ -112,7 +112,7 @@ def test_of_a_step_of_several_periods_the_worst_counts():
     assert np.max(worst) == 1.0
 
 
-def test_bits_are_told_as_costs():
+def test_bits_are_converted_to_costs():
     bits = {name: 1 << k for k, name in enumerate(VIOLATIONS)}
     assert costs(bits["foot"], ("duct", "part"))["cost"] == 0.0
     assert costs(bits["foot"], ("foot", "duct", "part"))["cost_contact"] == 1.0
