@@ -1,4 +1,4 @@
-"""What tests of figures share."""
+"""Fixtures that tests of figures share."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from spidar_gym.viz import courses, figures, style
 
 @pytest.fixture
 def kept(monkeypatch):
-    """The figures that are saved, left open."""
+    """Collect the figures that are saved, without closing them."""
     found = []
     for module in (courses, figures):
         monkeypatch.setattr(module, "save", lambda figure, path: found.append(figure))

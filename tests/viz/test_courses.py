@@ -1,4 +1,4 @@
-"""Pins the figures of courses: every gate where the map has it, every moment of the way in one colour."""
+"""Pins the figures of courses: gates at their places on the map, and one colour for every part of the path."""
 
 import numpy as np
 import pytest

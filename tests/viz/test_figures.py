@@ -1,4 +1,4 @@
-"""Pins the figures: down is down, axes show the data, nothing lies on a curve."""
+"""Pins the figures: a sink points down, axes contain the data, no text covers a curve."""
 
 import itertools
 
@@ -15,7 +15,7 @@ SINK = 0.35
 
 
 def flight_log(noise=False, wobble=4e-4):
-    """A flight that sinks by `SINK` where the constraint is dropped, with an attitude that wobbles."""
+    """Return a flight that sinks by `SINK` where the constraint is dropped, with a varying attitude error."""
     time = np.arange(1, FLIGHT_TICKS + 1) / 40.0
     rng = np.random.Generator(np.random.PCG64(3))
 
@@ -33,7 +33,7 @@ def flight_log(noise=False, wobble=4e-4):
 
 
 def crawl_log():
-    """A crawl of two cycles; torques and thrusts end where they began, all at zero."""
+    """Return a crawl of two cycles; all signals end near zero."""
     phase = np.repeat([*LEGS_UP, *TORSO_PHASES, "settle"] * 2, 40)
     time = np.arange(1, len(phase) + 1) / 40.0
     wave = np.sin(time[:, None] * np.arange(1, 17)) * np.minimum(1.0, time[::-1, None])
@@ -46,12 +46,12 @@ def crawl_log():
 
 
 def data_lines(axis):
-    """The lines of data, not the leaders of their names."""
+    """Return the lines of data, without the leader lines of their names."""
     return [line for line in axis.lines if line.get_transform() == axis.transData and len(line.get_xdata()) > 2]
 
 
 def check_nothing_is_covered(figure):
-    """No two words of a figure overlap, none leaves it, and none lies on a curve."""
+    """Check that no two texts of a figure overlap, and that none leaves the figure or lies on a curve."""
     figure.canvas.draw()
     words = [text for axis in figure.axes for text in (*axis.texts, axis.title, axis._left_title, axis.xaxis.label)]
     words += [axis.yaxis.label for axis in figure.axes] + [figure._suptitle]
@@ -92,7 +92,7 @@ def test_in_the_flights_figure_a_sink_goes_down(kept, tmp_path, noise):
     assert 28.5 < z.get_xdata()[np.argmin(z.get_ydata())] < 38.5
     check_axes_hold_their_data(figure)
     check_nothing_is_covered(figure)
-    # The paper's RMSE is a band where the axis reaches it, and words where it does not.
+    # The paper's RMSE is a band where the axis reaches it, and a note where it does not.
     rmse = 1e3 * max(PAPER_FLIGHT["rmse_attitude_rad"])
     (mark,) = [text.get_text() for text in attitude.texts if "RMSE" in text.get_text()]
     assert f"{rmse:g} mrad" in mark
@@ -126,7 +126,7 @@ def test_the_figure_over_joint_speeds_names_its_lines(kept, tmp_path):
 
 
 def curve(steps, run, k):
-    """A run that becomes better as it goes on, a validation every `run` minutes."""
+    """Return a learning curve that improves, with a validation every `run` minutes."""
     values = 1e-3 * k * np.exp(-steps / 5e5 / run)
     return viz.Curve(steps.tolist(), (steps / 5e4 * run).tolist(), values.tolist())
 
@@ -168,7 +168,7 @@ def test_a_figure_that_cannot_be_drawn_leaves_no_file(tmp_path, monkeypatch):
 
 
 def test_colours_of_lines_differ_for_every_eye_and_in_grey():
-    """Lightness or hue apart, also for those who see no red or no green (Machado 2009, severity 1)."""
+    """Colours differ in lightness or hue, also without perception of red or green (Machado 2009, severity 1)."""
     plt = style.pyplot()
     from matplotlib.colors import to_rgb
 
@@ -184,7 +184,7 @@ def test_colours_of_lines_differ_for_every_eye_and_in_grey():
         seen = np.clip(linear @ eye.T, 0.0, 1.0) ** (1 / 2.2)
         for a, b in itertools.combinations(seen, 2):
             assert np.linalg.norm(a - b) > 0.2
-    # In grey, neighbours that are alike have other strokes.
+    # Colours that are similar in grey have different line styles.
     grey = linear @ (0.2126, 0.7152, 0.0722)
     strokes = [entry["linestyle"] for entry in cycle]
     for (a, first), (b, second) in itertools.combinations(zip(grey.tolist(), strokes, strict=True), 2):

@@ -33,7 +33,7 @@ def qpos_at(height, form="form2"):
 
 @pytest.fixture(scope="module")
 def sinking():
-    """A robot that sinks by 0.4 m in a fifth of a second."""
+    """Return a take of a robot that sinks by 0.4 m in a fifth of a second."""
     ticks = 8
     first, last = qpos_at(hover_height() + 0.5), qpos_at(hover_height() + 0.1)
     qpos = np.array([between(first, last, k / (ticks - 1)) for k in range(ticks)])
@@ -44,7 +44,7 @@ def sinking():
 
 
 def read(path):
-    """Frames a second, width and height, and the frames (n, height, width, 3) of a film."""
+    """Read a film: frames per second, width and height, and frames (n, height, width, 3)."""
     ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
     command = [ffmpeg, "-i", str(path), "-f", "rawvideo", "-pix_fmt", "rgb24", "-fps_mode", "passthrough", "-"]
     done = subprocess.run(command, capture_output=True, check=True)
@@ -58,7 +58,7 @@ def read(path):
 
 
 def dark_rows(frame):
-    """Middle height of what is dark above the strip [px from above]: the robot's rods and fans."""
+    """Return the mean row of the dark pixels above the strip [px from the top], which are the robot's rods and fans."""
     picture = frame[80 : SIZE[1] - STRIP - 10]
     return np.argwhere(picture.max(axis=2) < 70)[:, 0].mean()
 
@@ -71,7 +71,7 @@ def test_a_film_is_in_real_time_and_the_sink_goes_down_in_it(sinking, tmp_path):
     assert len(frames) == round(FPS * float(sinking.time[-1]))
     heights = [dark_rows(frame) for frame in frames]
     assert all(later > earlier + 5.0 for earlier, later in pairwise(heights))
-    # The moment's mark goes through the plots of the strip from left to right.
+    # The time mark moves through the plots of the strip from left to right.
     marks = [next(x for x in range(62, SIZE[0]) if (frame[-100, x] < 90).all()) for frame in frames]
     assert all(later > earlier for earlier, later in pairwise(marks))
     assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
@@ -88,7 +88,7 @@ def test_two_takes_stand_side_by_side_and_the_film_lasts_as_long_as_the_longer_o
     left, right = frames[:, :, : SIZE[0] // 2], frames[:, :, SIZE[0] // 2 :]
     assert dark_rows(left[-1]) - dark_rows(left[0]) > 30.0
     assert abs(dark_rows(right[-1]) - dark_rows(right[1])) < 2.0
-    # Both from the same place: where both are at the same height, the pictures are the same but for the words.
+    # Both have the same camera: at equal heights the pictures differ in their captions only.
     below = slice(90, SIZE[1] - STRIP - 10), slice(8, -8)
     assert np.abs(left[0] - right[0])[below].mean() < 2.0 < np.abs(left[0] - left[-1])[below].mean()
 
@@ -133,6 +133,27 @@ def test_a_floor_that_slopes_or_has_tiles_does_not_lie_in_its_own_shadow(ground)
     assert np.abs(lit - unshaded).max() < 30  # a shadow is darker by 60 and more
 
 
+def test_a_box_that_hides_the_robot_from_a_camera_that_follows_fades_and_comes_back():
+    boxes = np.zeros_like(GroundConfig().boxes)
+    boxes[0, :6] = -1.0, -0.9, 1.5, 0.05, 1.5, 1.5
+    feet = []
+    for ground in (GroundConfig(), GroundConfig(boxes=boxes)):
+        stage = Stage("chase", 320, 180, ground)
+        try:
+            pictures = [stage.render(qpos_at(1.0)).astype(int) for _ in range(60)]
+            away = qpos_at(1.0) + np.eye(len(qpos_at(1.0)))[0] * 6.0
+            later = [stage.render(away) for _ in range(60)][-1]
+        finally:
+            stage.close()
+        # The feet are the only orange things; a wall before them takes their colour away.
+        feet.append([int(((p[..., 0] - p[..., 2]) > 60).sum()) for p in (pictures[0], pictures[-1], later)])
+    (clear, still_clear, _), (at_first, faded, _) = feet
+    assert clear == still_clear > 20
+    assert at_first < 0.5 * clear
+    assert faded > 0.8 * clear
+    assert stage._opacity[stage._boxes[0]] == pytest.approx(1.0, abs=0.01)
+
+
 def test_the_camera_that_stands_sees_the_whole_way_as_near_as_the_window_allows():
     rng = np.random.Generator(np.random.PCG64(5))
     for _ in range(5):
@@ -154,7 +175,7 @@ def test_the_camera_that_stands_sees_the_whole_way_as_near_as_the_window_allows(
         for values, low, high in ((across, left, right), (upwards, bottom, top)):
             assert low - 1e-3 <= values.min()
             assert values.max() <= high + 1e-3
-        # Nearer, and one of the two would not fit.
+        # In one direction the window is filled: a nearer camera would cut the path off.
         assert np.ptp(across) > right - left - 2e-3 or np.ptp(upwards) > top - bottom - 2e-3
 
 

@@ -1,4 +1,4 @@
-"""Pins pictures of several moments: side by side with words, and what is missing without Pillow."""
+"""Pins strips of pictures: pictures side by side with captions, and the error without Pillow."""
 
 import sys
 
@@ -11,7 +11,7 @@ from spidar_gym.viz.stills import write_strip
 GREY = np.full((40, 60, 3), 128, np.uint8)
 
 
-def test_moments_stand_side_by_side_and_what_a_row_lacks_is_white(tmp_path):
+def test_pictures_are_side_by_side_and_missing_ones_of_a_row_are_white(tmp_path):
     image = pytest.importorskip("PIL.Image", reason="the extra `viz` is not installed")
     write_strip(tmp_path / "strip.png", [GREY] * 4, ["a", "b", "c", "d"])
     drawn = np.asarray(image.open(tmp_path / "strip.png"))
@@ -20,7 +20,7 @@ def test_moments_stand_side_by_side_and_what_a_row_lacks_is_white(tmp_path):
     assert (drawn[:40] == 128).any(axis=(0, 2)).all()
 
 
-def test_without_pillow_it_is_said_what_brings_it_and_nothing_is_written(tmp_path, monkeypatch):
+def test_without_pillow_the_error_states_the_extra_and_nothing_is_written(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "PIL", None)
     with pytest.raises(MissingDependencyError, match=r"Pillow is not available; .*pip install 'spidar-gym\[viz\]'"):
         write_strip(tmp_path / "strip.png", [GREY], ["a"])

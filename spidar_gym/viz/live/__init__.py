@@ -1,1 +1,1 @@
-"""The robot live: a session that people steer while it flies or crawls, and the page in a browser that shows it."""
+"""The live robot: a session that users steer while it flies or crawls, and the web page that shows it."""

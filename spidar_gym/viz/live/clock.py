@@ -1,4 +1,4 @@
-"""The clock: how many control periods are due by the wall, and whether the machine keeps up."""
+"""The clock: number of control periods that are due by wall time, and whether the machine keeps up."""
 
 from collections import deque
 from collections.abc import Callable
@@ -7,41 +7,41 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.errors import require_within
 
 SLOWEST, FASTEST = 0.1, 4.0
-"""Times real time that may be asked for."""
+"""Least and largest speed, in multiples of real time."""
 PATIENCE = 0.25
-"""A delay up to this is made up for; of a longer one the rest is given up, and said [s of the wall]."""
+"""Longest delay that is made up for; the rest of a longer one is skipped and reported [s of wall time]."""
 WINDOW = 3.0
-"""The pace is that of so many last seconds [s]."""
+"""Length of the window over which the pace is computed [s of wall time]."""
 
 
 class Clock:
-    """Simulated time beside the wall's."""
+    """Simulated time relative to wall time."""
 
     def __init__(self, now: Callable[[], float]) -> None:
-        """Begin now, in real time; `now` is the wall's time [s]."""
+        """Start now, in real time; `now` returns the wall time [s]."""
         self._now, self._last, self._credit = now, now(), 0.0
         self.speed = 1.0
-        """How many times as fast as the wall's simulated time is to pass."""
+        """Requested speed of simulated time, in multiples of wall time."""
         self.is_paused = False
-        """Whether it stands still."""
+        """Whether simulated time is paused."""
         self.given_up = 0
-        """Control periods that the machine had no time for, and that nobody flew."""
+        """Number of control periods that were skipped because the machine was too slow."""
         self._since = self._last
         self._done: deque[tuple[float, int]] = deque()
 
     def set_speed(self, speed: float) -> None:
-        """Have simulated time pass so many times as fast as the wall's."""
+        """Set the speed of simulated time, in multiples of wall time."""
         require_within(SLOWEST, FASTEST, "1", speed=speed)
         self.speed = float(speed)
         self._forget()
 
     def pause(self, is_paused: bool) -> None:
-        """Have time stand still, or go on."""
+        """Pause or resume simulated time."""
         self.is_paused = is_paused
         self._forget()
 
     def due(self) -> int:
-        """How many control periods are to be flown now; they count as flown."""
+        """Return the number of control periods that are due now; they count as done."""
         now = self._now()
         passed, self._last = now - self._last, now
         if self.is_paused:
@@ -59,22 +59,22 @@ class Clock:
 
     @property
     def wait(self) -> float:
-        """Seconds of the wall until the next control period is due, as of the last look."""
+        """Wall time until the next control period is due, as of the last call of `due` [s]."""
         return 1.0 / CONTROL_RATE if self.is_paused else (1.0 - self._credit) / (CONTROL_RATE * self.speed)
 
     @property
     def pace(self) -> float:
-        """How many times as fast as the wall's simulated time has passed of late; 0 before anything did."""
+        """Recent speed of simulated time, in multiples of wall time; 0 before any time has passed."""
         passed = self._last - self._since
         return sum(count for _, count in self._done) / (CONTROL_RATE * passed) if passed > 0.0 else 0.0
 
     @property
     def is_late(self) -> bool:
-        """Whether it passes more slowly than it is to, by more than the odd delay."""
+        """Whether simulated time has recently been more than 3 % slower than the requested speed."""
         return not self.is_paused and self._last - self._since > 0.5 * WINDOW and self.pace < 0.97 * self.speed
 
     def _forget(self) -> None:
-        """What has passed was at another speed."""
+        """Reset the window of the pace after a change of speed."""
         self._last = self._since = self._now()
         self._done.clear()
         self._credit = 0.0

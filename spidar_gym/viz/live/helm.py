@@ -1,4 +1,4 @@
-"""The helm: where people want the reference, and how it goes there, within a speed and an acceleration."""
+"""The helm: moves the reference to the user's goal within limits of speed and acceleration."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -11,44 +11,44 @@ from spidar_gym.so3 import exp, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Reference
 
 SPEED, ACCELERATION = 0.5, 1.0
-"""The reference moves no faster than this [m/s], and gathers speed no faster [m/s²]."""
+"""Largest speed [m/s] and acceleration [m/s²] of the reference."""
 RATE, ANGULAR_ACCELERATION = 0.6, 1.2
-"""The same of its heading [rad/s], [rad/s²]."""
+"""Largest rate [rad/s] and angular acceleration [rad/s²] of its heading."""
 EAGERNESS = 2.0
-"""Near its goal it goes at so many times the distance a second [1/s]: no faster than it can brake."""
+"""Speed over distance near the goal [1/s], so that the reference can brake in time."""
 AHEAD = 0.5
-"""A goal is never farther from the reference [m]: who holds a key down and lets go is not carried on for long."""
+"""Largest distance [m] and angle [rad] from reference to goal, so that motion stops soon after a key is released."""
 LOWEST, HIGHEST, FARTHEST = -0.35, 2.0, 10.0
-"""Goals lie within this: below and above where the task has the reference, and how far from it to the side [m]."""
+"""Limits of goals relative to the task's reference: below, above and to the sides [m]."""
 AT_GOAL = 1e-4
-"""Nearer than this it is there [m, rad]."""
+"""Distance below which the goal is reached [m, rad]."""
 
 
 @dataclass
 class Helm:
-    """Where the reference is to go, seen from where the task has it, and how far it has come."""
+    """Offset of the reference relative to the task's reference, and the goal of this offset."""
 
     goal: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Where it is to be [m]."""
+    """Goal of the offset [m]."""
     goal_yaw: float = 0.0
-    """How it is to be turned [rad]."""
+    """Goal of the offset in heading [rad]."""
     place: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Where it is [m]."""
+    """Present offset [m]."""
     velocity: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """[m/s]."""
+    """Velocity of the offset [m/s]."""
     acceleration: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """[m/s²]."""
+    """Acceleration of the offset [m/s²]."""
     yaw: float = 0.0
-    """How it is turned [rad]."""
+    """Present offset in heading [rad]."""
     rate: float = 0.0
-    """[rad/s]."""
+    """Rate of the heading [rad/s]."""
     angular_acceleration: float = 0.0
-    """[rad/s²]."""
+    """Angular acceleration of the heading [rad/s²]."""
     ticks: int = 0
     """Control periods that have passed."""
 
     def nudge(self, forward: float = 0.0, left: float = 0.0, up: float = 0.0, turn: float = 0.0) -> None:
-        """Move the goal, seen from where the reference looks [m], and turn it to the left [rad]."""
+        """Move the goal in the reference's heading frame [m], and turn it to the left [rad]."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         goal = self.goal + np.array([c * forward - s * left, s * forward + c * left, up])
         ahead = goal - self.place
@@ -57,11 +57,11 @@ class Helm:
         self.goal_yaw = self.yaw + min(max(self.goal_yaw + turn - self.yaw, -AHEAD), AHEAD)
 
     def home(self) -> None:
-        """Have the reference go back to where the task has it."""
+        """Set the goal to the task's reference, with the nearest full turn."""
         self.goal, self.goal_yaw = np.zeros(3), math.tau * round(self.yaw / math.tau)
 
     def advance(self, ticks: int) -> None:
-        """Let time pass until so many control periods have."""
+        """Advance the offset until `ticks` control periods have passed."""
         dt = 1.0 / CONTROL_RATE
         for _ in range(ticks - self.ticks):
             before, spun = self.velocity, self.rate
@@ -76,11 +76,11 @@ class Helm:
 
     @property
     def is_home(self) -> bool:
-        """Whether the reference is where the task has it, at rest."""
+        """Whether the offset is zero and at rest."""
         return not (self.place.any() or self.velocity.any() or self.acceleration.any() or self.yaw or self.rate)
 
     def applied(self, reference: Reference) -> Reference:
-        """The task's reference, moved and turned; the very same where it is home."""
+        """Return the task's reference, moved and turned by the offset; unchanged where the offset is zero."""
         if self.is_home:
             return reference
         turned = exp(np.array([0.0, 0.0, self.yaw])) @ quat_to_matrix(reference.quat_wb)
@@ -97,7 +97,7 @@ class Helm:
 
 
 def _approach(way: np.ndarray, velocity: np.ndarray, fastest: float, change: float) -> np.ndarray:
-    """The next velocity of something that is still `way` from its goal and may change its velocity by `change`."""
+    """Return the next velocity for a goal at displacement `way`; it differs from `velocity` by at most `change`."""
     distance = float(np.linalg.norm(way))
     if distance < AT_GOAL and float(np.linalg.norm(velocity)) < EAGERNESS * AT_GOAL + change:
         return np.zeros_like(velocity)

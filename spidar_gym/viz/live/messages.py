@@ -1,4 +1,4 @@
-"""What a browser sends is checked here, before anything of it is taken: kinds, widgets, and values that they have."""
+"""Validation of browsers' messages before they are applied: types, widgets and their values."""
 
 import importlib
 from collections.abc import Mapping
@@ -15,24 +15,24 @@ from spidar_gym.errors import (
 )
 
 LONGEST, LARGEST = 1 << 14, 1 << 20
-"""Bytes of a message that is looked at, and of one that is read: the page's own have some hundreds."""
+"""Largest size of a message that is decoded, and of one that is received [bytes]; the page's own have some hundreds."""
 CAMERA = {"wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3, "fov": 0, "near": 0, "far": 0}
-"""Lengths of the camera's vectors, and 0 for its numbers."""
+"""Fields of the camera: length of a vector, or 0 for a scalar."""
 MOST_PIXELS = 1 << 16
-"""Along an edge of a picture."""
+"""Largest number of pixels along an edge of a picture."""
 FARTHEST = 1e6
-"""No component of a camera is larger [m]."""
+"""Largest absolute value of a camera's numbers."""
 
 
 def require_message(gui: Any, raw: object) -> None:  # noqa: ANN401 - viser's panel
     """Refuse a message that the page of this panel does not send.
 
     Args:
-        gui: viser's.
-        raw: The message, as it came.
+        gui: viser's panel.
+        raw: The message as received.
 
     Raises:
-        SpidarError: For other bytes than a message of the page, a widget that is not there, a value it cannot have.
+        SpidarError: For bytes that are not a message of the page, an unknown widget, or an invalid value.
     """
     message = _decoded(raw)
     kind = message.get("type")
@@ -51,7 +51,7 @@ def _decoded(raw: object) -> Mapping[str, Any]:
         raise InvalidValueError("bytes of a message", len(raw), expected)
     try:
         message = importlib.import_module("msgspec.msgpack").decode(raw)
-    except Exception as error:  # whatever is wrong with the bytes
+    except Exception as error:  # any error in the bytes
         raise InvalidValueError("message", raw, expected) from error
     if not isinstance(message, dict):
         raise InvalidValueError("message", message, expected)
@@ -62,20 +62,20 @@ def _require_update(gui: Any, given: Mapping[str, Any]) -> None:  # noqa: ANN401
     handle = _found(gui._gui_input_handle_from_uuid, given["uuid"])
     updates = given["updates"]
     if not isinstance(updates, dict) or list(updates) != ["value"]:
-        raise InvalidValueError("updates", updates, "a value, and nothing else of a widget")
+        raise InvalidValueError("updates", updates, "only the value of a widget")
     require_value(handle, updates["value"])
 
 
 def require_value(handle: Any, value: object) -> None:  # noqa: ANN401 - viser's
-    """Refuse a value that a widget cannot have.
+    """Refuse an invalid value of a widget.
 
     Raises:
-        SpidarError: For a number outside a slider, a name that is no option, and whatever is given to a widget that is
-            switched off.
+        SpidarError: For a number outside a slider's range, a name that is not an option, and any value of a disabled
+            widget.
     """
     kind, name = type(handle).__name__, str(getattr(handle, "label", "") or "button")
     if handle.disabled:
-        raise InvalidValueError(name, value, "nothing: it is switched off now")
+        raise InvalidValueError(name, value, "no value, because the widget is disabled now")
     if kind == "GuiSliderHandle":
         if isinstance(value, bool):
             raise InvalidValueError(name, value, "a number")
@@ -92,7 +92,7 @@ def _require_command(gui: Any, given: Mapping[str, Any]) -> None:  # noqa: ANN40
 
 def _found(handles: Mapping[str, Any], uuid: object) -> Any:  # noqa: ANN401 - viser's
     if not (isinstance(uuid, str) and uuid in handles):
-        raise UnknownNameError("widget", uuid, ["one of the page; load it anew"])
+        raise UnknownNameError("widget", uuid, ["one of the page; reload it"])
     return handles[uuid]
 
 
@@ -117,7 +117,7 @@ _FIELDS = {
     "CommandTriggerMessage": {"uuid"},
     "ViewerCameraMessage": {*CAMERA, "image_height", "image_width"},
 }
-"""Messages that the page sends, and what they hold."""
+"""Types of the page's messages → their fields."""
 _REQUIRE = {
     "GuiUpdateMessage": _require_update,
     "CommandTriggerMessage": _require_command,

@@ -1,4 +1,4 @@
-"""The page: viser's panels over a session, with what can be changed, and curves; it holds no state of the robot."""
+"""The page: viser's panels for a session, with inputs and curves; it stores no state of the robot."""
 
 import math
 import queue
@@ -23,29 +23,29 @@ from spidar_gym.viz.style import BLUE, GREEN, VERMILLION
 COLORS = (VERMILLION, GREEN, BLUE)
 """Colours of a plot's curves in their order: x red, y green, z blue."""
 MARKS = dict(zip("①②③", FORMS, strict=True))
-"""What is written on a form's button → its name."""
+"""Label of a form's button → its name."""
 KEY_STEP, CLICK_STEP = 0.05, 0.1
-"""How far the goal of the reference moves by a key, which repeats while it is held, and by a click [m, rad]."""
+"""Step of the reference's goal per key press, which repeats while the key is held, and per click [m, rad]."""
 MOVES = {
     "↶": {"turn": 1.0}, "↑": {"forward": 1.0}, "↷": {"turn": -1.0},
     "←": {"left": 1.0}, "↓": {"forward": -1.0}, "→": {"left": -1.0},
     "up": {"up": 1.0}, "home": {}, "down": {"up": -1.0},
 }  # fmt: skip
-"""What a button does to the goal of the reference."""
+"""Button → movement of the reference's goal."""
 ROWS = (("↶", "↑", "↷"), ("←", "↓", "→"), ("up", "home", "down"))
 KEYS = {"I": "↑", "K": "↓", "J": "←", "L": "→", "U": "↶", "O": "↷", "R": "up", "F": "down", "H": "home"}
-"""Keys that do what the buttons do. W A S D, Q E and the arrow keys move viser's camera, and no page can have them."""
+"""Key → button. W A S D, Q E and the arrow keys move viser's camera and cannot be reassigned."""
 KEY_WORDS = (
     "Keys: **I** **K** forward, back · **J** **L** left, right · **U** **O** turn · **R** **F** up, down · **H** home"
 )
 NONE = "none"
-"""What stands for no policy and no lost rotor."""
+"""Option for no policy and no lost rotor."""
 MOST_WIND, MOST_PUSH, PUSH = 10.0, 60.0, 20.0
-"""Ends of the sliders [m/s], [N], and where that of the push is at first [N]."""
+"""Largest values of the sliders of wind [m/s] and push [N], and initial value of the push [N]."""
 OFTEN, SELDOM = 0.2, 0.5
-"""How often words and curves are written anew: those [s], and these [s]."""
+"""Periods with which the text and the curves are updated [s]."""
 Handle = Any
-"""viser's, of something on the page."""
+"""viser's handle of an element of the page."""
 
 
 def _degrees(bounds: tuple[float, float]) -> tuple[float, float]:
@@ -54,25 +54,25 @@ def _degrees(bounds: tuple[float, float]) -> tuple[float, float]:
 
 
 def _scale(plot: Plot) -> dict[str, Any]:
-    """The axis of values: as wide as they are, but not so narrow that noise fills it."""
+    """Return the settings of the value axis: it covers the values, but has a least range so that noise stays small."""
     low, bound = (-plot.high, {"pad": 0.1}) if plot.low is None else (plot.low, {"pad": 0.0})
     return {"range": {"min": {**bound, "mode": 1, "soft": low}, "max": {**bound, "mode": 1, "soft": plot.high}}}
 
 
 class Page:
-    """What is shown of a session, and what people do to it."""
+    """Display of a session and its inputs."""
 
     def __init__(
         self, server: Handle, trimesh: Any, session: Session, clock: Clock, policies: Mapping[str, str]  # noqa: ANN401
     ) -> None:  # fmt: skip
-        """Build it.
+        """Build the page.
 
         Args:
-            server: viser's.
+            server: viser's server.
             trimesh: The module.
-            session: The robot.
-            clock: Its time.
-            policies: What can be chosen to fly: name → module:Class or an artifact's path.
+            session: Session of the robot.
+            clock: Clock of the session.
+            policies: Available policies: name → module:Class or an artifact's path.
         """
         self.session, self.clock, self._server = session, clock, server
         self._policies = {NONE: "", **policies}
@@ -97,10 +97,10 @@ class Page:
         self._curves = self._add_curves()
         self._refresh()
 
-    # ---- orders: what people do, on threads of the server, is done between two control periods ----
+    # ---- orders: inputs arrive on threads of the server and are applied between two control periods ----
 
     def settle(self) -> None:
-        """Do what people have asked for since the last call; tell them what is refused."""
+        """Apply the inputs since the last call; show a notice for each one that is refused."""
         while True:
             try:
                 order = self._orders.get_nowait()
@@ -113,12 +113,12 @@ class Page:
                 self._refresh()
 
     def tell(self, words: str) -> None:
-        """Show words on every browser for some seconds."""
+        """Show a notice in every browser for some seconds."""
         for client in self._server.get_clients().values():
             notify(client, words)
 
     def _on(self, handle: Handle, order: Callable[[Any], object]) -> Handle:
-        """Have an order given with the value of an input, where it was a person who changed it."""
+        """Queue an order with the value of an input whenever a user changes it."""
 
         def changed(event: Any) -> None:  # noqa: ANN401 - viser's event
             if event.client is not None:
@@ -182,7 +182,7 @@ class Page:
             self._outer = self._slider("outer pitch [°]", _degrees(OUTER), 1.0, 0.0, bend)
             self._forms = self._dropdown(
                 "sequence", (BY_HAND, *SEQUENCES), session.forms, session.take_forms,
-                "Forms that the legs go through by themselves.",
+                "Forms that the legs go through automatically.",
             )  # fmt: skip
 
     def _add_reference(self) -> None:
@@ -228,7 +228,7 @@ class Page:
             )  # fmt: skip
             self._towards = self._slider(
                 "wind to [°]", (-180.0, 180.0), 5.0, 0.0, lambda value: session.disturb(math.radians(value)),
-                "0 is along x, 90 along y; a push goes there too.",
+                "0 is along x, 90 along y; also the direction of a push.",
             )  # fmt: skip
             force = gui.add_slider(
                 "push [N]", min=0.0, max=MOST_PUSH, step=5.0, initial_value=min(now.push, MOST_PUSH) or PUSH,
@@ -239,7 +239,7 @@ class Page:
                 "lost rotor", (NONE, *map(str, range(1, N_ROTORS + 1))), str(now.lost_rotor or NONE),
                 lambda value: session.disturb(lost_rotor=0 if value == NONE else int(value)),
             )  # fmt: skip
-            self._fault = self._dropdown("it loses its", FAULTS, now.fault, lambda value: session.disturb(fault=value))
+            self._fault = self._dropdown("rotor loses", FAULTS, now.fault, lambda value: session.disturb(fault=value))
 
     def _add_who(self) -> None:
         session = self.session
@@ -248,12 +248,12 @@ class Page:
             session.choose(**who)
             self._refresh()
 
-        with self._gui.add_folder("Who flies" if session.flies else "Who moves it"):
+        with self._gui.add_folder("Controller"):
             self._preset = self._dropdown("preset", session.presets, session.preset, lambda value: choose(preset=value))
             self._policy = self._dropdown(
                 "policy", self._policies, self._name_of_policy,
                 lambda value: choose(policy=self._policies.get(value, session.policy)),
-                "What adds to the preset, or brings a controller of its own.",
+                "Adds to the preset, or replaces it by another controller.",
             )  # fmt: skip
 
     def _add_shown(self) -> None:
@@ -289,7 +289,7 @@ class Page:
     # ---- what is shown ----
 
     def show(self, now: float) -> None:
-        """Show what there is to see at a time of the wall [s]; words and curves not as often."""
+        """Update the page at a wall time [s]; text and curves less often."""
         session, server = self.session, self._server
         if not server.get_clients():
             return
@@ -311,17 +311,17 @@ class Page:
                 handle.data = session.traces.columns(first, len(plot.names))
 
     def words(self) -> str:
-        """What is said of this moment: time, whether the machine keeps up, errors."""
+        """Return the status text: time, whether the machine keeps up, errors."""
         session, clock = self.session, self.clock
         frame, info = session.frame, session.info
         pace = (
             "paused" if clock.is_paused else
-            f"**late: {clock.pace:.2f} × real time instead of {clock.speed:g}**, {clock.given_up} periods given up"
+            f"**late: {clock.pace:.2f} × real time instead of {clock.speed:g}**, {clock.given_up} periods skipped"
             if clock.is_late else f"{clock.speed:g} × real time"
         )  # fmt: skip
         lines = [f"**{frame.time:.1f} s** · {frame.phase} · {pace}"]
         if frame.over:
-            lines = [f"**over: {frame.over}** after {frame.time:.1f} s · the next episode comes"]
+            lines = [f"**over: {frame.over}** after {frame.time:.1f} s · the next episode follows"]
         lift = f"{frame.thrust.sum() / ROBOT.weight:.0%} of its weight · {info['power_w']:.0f} W"
         if session.flies:
             position, attitude = (1e3 * np.linalg.norm(info[f"{name}_error"]) for name in ("position", "attitude"))
@@ -332,7 +332,7 @@ class Page:
         return "  \n".join((*lines, lift))
 
     def _refresh(self) -> None:
-        """Have the inputs say what is so, whoever changed it."""
+        """Set the inputs to the session's present values."""
         session = self.session
         if session.flies:
             inner, outer = (math.degrees(float(session.form[k])) for k in (1, 3))

@@ -1,4 +1,4 @@
-"""The robot as meshes: its parts, where each is, and the arrows and jets of its rotors; no browser is needed for it."""
+"""The robot as meshes: its parts and their poses, and the arrows and jets of its rotors; needs no browser."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -17,17 +17,17 @@ from spidar_gym.sim.stage import CONTACT_LENGTH, JET_LENGTH, SHORTEST, THRUST_LE
 from spidar_gym.so3 import quat_to_matrix
 
 SIDES, RINGS = 20, 10
-"""How many faces what is round has round its axis, and rings of vertices from pole to pole."""
+"""Faces of a round shape around its axis, and rings of vertices from pole to pole."""
 JETS = 2 * N_ROTORS
-"""One below each duct."""
+"""Number of jets, one below each duct."""
 JET_SPREAD = 0.15
-"""Radius over length of a jet: there it blows half as fast as in its middle."""
+"""Radius over length of a jet, with the radius at which the speed is half that on the axis."""
 JET_OPACITY = 0.12
-"""How much of what is behind it a hovering rotor's jet hides, where it leaves the duct."""
+"""Opacity of a hovering rotor's jet."""
 MOST_CONTACTS = 32
-"""No more contact forces are shown."""
+"""Largest number of contact forces that are shown."""
 OUT_OF_SIGHT = np.array([0.0, 0.0, -100.0])
-"""Where an arrow lies that is none."""
+"""Position of arrows that are not shown [m]."""
 
 
 @dataclass(frozen=True)
@@ -41,57 +41,57 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Part:
-    """Bodies that look alike."""
+    """Bodies with the same mesh."""
 
     name: str
-    """That of the first of them."""
+    """Name of the first body."""
     mesh: Mesh
-    """In the body's axes."""
+    """Mesh in the body's axes."""
     bodies: np.ndarray
-    """Their numbers."""
+    """Numbers of the bodies."""
 
 
 class Puppet(Drawn):
     """The robot over a floor, as meshes."""
 
     def __init__(self, ground: GroundConfig | None) -> None:
-        """Lay the floor, a plane by default."""
+        """Build the robot over a floor, which is a plane by default."""
         super().__init__(ground, film=True)
         self.parts = tuple(self._parts())
-        """What the robot is made of."""
+        """Parts of the robot."""
         self._rotors = [self._model.site(name).id for name in ROTOR_SITES]
         self._thrust = np.zeros(N_ROTORS)
 
     def place(self, qpos: np.ndarray, thrust: np.ndarray) -> None:
-        """Bring it to a configuration (39,), its rotors to their thrusts (8,) [N]."""
+        """Set the configuration (39,) and the rotors' thrusts (8,) [N]."""
         self._place(qpos)
         self._thrust = thrust
 
     def poses(self, part: Part) -> tuple[np.ndarray, np.ndarray]:
-        """Where a part's bodies are: positions (k, 3) [m] and quaternions (w, x, y, z) (k, 4)."""
+        """Return positions (k, 3) [m] and quaternions (w, x, y, z) (k, 4) of a part's bodies."""
         return self._data.xpos[part.bodies].copy(), self._data.xquat[part.bodies].copy()
 
     @property
     def com(self) -> np.ndarray:
-        """Its centre of gravity (3,) [m]."""
+        """The robot's centre of gravity (3,) [m]."""
         return self._data.subtree_com[1].copy()
 
     def arrows(self) -> np.ndarray:
-        """From where to where each thrust is drawn (8, 2, 3) [m]."""
+        """Return start and end of each thrust's arrow (8, 2, 3) [m]."""
         centres, frames = self._rotor_frames()
         return arrows(centres, THRUST_LENGTH * self._thrust[:, None] * frames[:, :, 2])
 
     def jets(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Where each jet leaves its duct (16, 3) [m], where its axis, z, points (16, 4), how long it is (16,) [m].
+        """Return the jets' exits (16, 3) [m], quaternions with z along the jet (16, 4), and lengths (16,) [m].
 
-        It blows against the thrust, and ends on the floor.
+        A jet points against the thrust and ends on the floor.
         """
         centres, frames = self._rotor_frames()
         away = np.array([ROBOT.duct_offset_y, -ROBOT.duct_offset_y])
         exits = centres[:, None] + away[:, None] * frames[:, None, :, 1] + ROBOT.duct_z[0] * frames[:, None, :, 2]
         exits = exits.reshape(JETS, 3)
         quats = np.zeros((N_ROTORS, 4))
-        # Half a turn about the rotor's x axis: z points along the jet.
+        # Half a turn about the rotor's x axis makes z point along the jet.
         turned = frames * np.array([1.0, -1.0, -1.0])
         for quat, frame in zip(quats, turned.reshape(-1, 9), strict=True):
             mujoco.mju_mat2Quat(quat, frame)
@@ -103,19 +103,19 @@ class Puppet(Drawn):
         return exits, np.repeat(quats, 2, axis=0), np.maximum(lengths, 1e-3)
 
     def jet_opacities(self) -> np.ndarray:
-        """How much each jet hides of what is behind it (16,), 0 … 1: as much as it is fast."""
+        """Return the opacity of each jet (16,), 0 … 1, in proportion to its speed."""
         return np.repeat(JET_OPACITY * np.minimum(np.sqrt(np.maximum(self._thrust, 0.0) / ROBOT.hover_thrust), 1.5), 2)
 
     def floor(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where the plane of the floor is: position (3,) [m], quaternion (4,)."""
+        """Return the pose of the floor's plane: position (3,) [m], quaternion (4,)."""
         geom = self._model.geom("floor").id
         return self._model.geom_pos[geom].copy(), self._model.geom_quat[geom].copy()
 
     def blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Tiles and boxes on the floor: positions (n, 3) [m], quaternions (n, 4), edges (n, 3) [m], colours (n, 3)."""
+        """Return tiles and boxes: positions (n, 3) [m], quaternions (n, 4), edges (n, 3) [m], colours (n, 3)."""
         model = self._model
         is_block = (model.geom_bodyid == 0) & (model.geom_type == mujoco.mjtGeom.mjGEOM_BOX)
-        some = np.flatnonzero(is_block & (model.geom_pos[:, 2] > -10.0))  # those of no size lie far below
+        some = np.flatnonzero(is_block & (model.geom_pos[:, 2] > -10.0))  # unused boxes lie far below the floor
         colors = (255.0 * model.geom_rgba[some, :3]).astype(np.uint8)
         return model.geom_pos[some].copy(), model.geom_quat[some].copy(), 2.0 * model.geom_size[some], colors
 
@@ -135,7 +135,7 @@ class Puppet(Drawn):
             yield Part(model.body(bodies[0]).name, mesh, np.array(bodies))
 
     def _geom(self, geom: int) -> Mesh:
-        """A geom in its body's axes, in its colour."""
+        """Return the mesh of a geom in its body's axes, with its colour."""
         model, kind = self._model, mujoco.mjtGeom(self._model.geom_type[geom])
         vertices, faces = _SHAPES[kind](model.geom_size[geom])
         material = model.geom_matid[geom]
@@ -145,7 +145,7 @@ class Puppet(Drawn):
 
 
 def arrows(points: np.ndarray, vectors: np.ndarray, count: int = 0) -> np.ndarray:
-    """From where to where arrows are drawn (n, 2, 3), at least `count` of them: those too short are out of sight."""
+    """Return starts and ends of at least `count` arrows (n, 2, 3); arrows below a least length are out of sight."""
     found = np.broadcast_to(OUT_OF_SIGHT, (max(count, len(points)), 2, 3)).copy()
     long = np.flatnonzero(np.linalg.norm(vectors, axis=1) >= SHORTEST)
     found[long, 0], found[long, 1] = points[long], points[long] + vectors[long]
@@ -153,13 +153,13 @@ def arrows(points: np.ndarray, vectors: np.ndarray, count: int = 0) -> np.ndarra
 
 
 def contact_arrows(contacts: np.ndarray) -> np.ndarray:
-    """From where to where contact points and forces (k, 6) [m, N] are drawn, always as many (32, 2, 3)."""
+    """Return the arrows of contact points and forces (k, 6) [m, N], padded to a fixed number (32, 2, 3)."""
     contacts = contacts[:MOST_CONTACTS]
     return arrows(contacts[:, :3], CONTACT_LENGTH * contacts[:, 3:], MOST_CONTACTS)
 
 
 def jet_mesh() -> tuple[np.ndarray, np.ndarray]:
-    """A jet that is 1 long, along z: as wide as its duct, and wider where it has come far [m], without ends."""
+    """Build the mesh of an open jet of length 1 along z: as wide as the propeller at its exit, wider at its end [m]."""
     angles = np.linspace(0.0, math.tau, SIDES, endpoint=False)
     ring = np.column_stack((np.cos(angles), np.sin(angles)))
     near, far = ROBOT.propeller_radius, max(ROBOT.propeller_radius, JET_SPREAD * JET_LENGTH)
@@ -168,7 +168,7 @@ def jet_mesh() -> tuple[np.ndarray, np.ndarray]:
 
 
 def merged(meshes: list[Mesh]) -> Mesh:
-    """Several meshes as one."""
+    """Merge several meshes into one."""
     shifts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
     return Mesh(
         np.vstack([mesh.vertices for mesh in meshes]),
@@ -178,7 +178,7 @@ def merged(meshes: list[Mesh]) -> Mesh:
 
 
 def _strip(rings: int) -> np.ndarray:
-    """Triangles between rings of `SIDES` vertices each, seen from outside where the rings rise along z."""
+    """Return triangles between rings of `SIDES` vertices; they face outward where the rings are ordered along z."""
     faces = []
     for ring in range(rings - 1):
         a = ring * SIDES + np.arange(SIDES)
@@ -188,14 +188,14 @@ def _strip(rings: int) -> np.ndarray:
 
 
 def _turned(profile: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A body of revolution about z from its profile: radius and height of each ring (n, 2)."""
+    """Build a body of revolution about z from its profile: radius and height of each ring (n, 2)."""
     angles = np.linspace(0.0, math.tau, SIDES, endpoint=False)
     rings = [np.column_stack((r * np.cos(angles), r * np.sin(angles), np.full(SIDES, z))) for r, z in profile]
     return np.vstack(rings), _strip(len(rings))
 
 
 def _box(size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Its faces share no vertices, so that its edges are sharp."""
+    """Build a box whose faces share no vertices, so that its edges are sharp."""
     vertices, faces = [], []
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -208,7 +208,7 @@ def _box(size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cylinder(size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sides and ends share no vertices, so that its edges are sharp."""
+    """Build a cylinder whose side and ends share no vertices, so that its edges are sharp."""
     radius, half = float(size[0]), float(size[1])
     parts = [
         _turned(np.array(profile))
@@ -221,8 +221,8 @@ def _cylinder(size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sphere(size: np.ndarray, half: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """A ball, an ellipsoid, or two halves `half` above and below the middle with a cylinder between them."""
-    angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, RINGS)  # an even number: none lies in the middle
+    """Build a sphere, an ellipsoid, or, with its halves shifted by `half` up and down, a capsule."""
+    angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, RINGS)  # an even number: no ring lies in the middle
     vertices, faces = _turned(np.column_stack((np.cos(angles), np.sin(angles))))
     shift = np.repeat(np.where(angles > 0.0, half, -half), SIDES)
     vertices = vertices * size

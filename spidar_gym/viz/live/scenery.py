@@ -11,42 +11,42 @@ from spidar_gym.viz.live.puppet import JETS, Part, Puppet, arrows, contact_arrow
 from spidar_gym.viz.live.session import Frame
 
 FROM, FROM_BEHIND = np.array([0.60, -0.72, 0.35]), np.array([-0.68, -0.42, 0.60])
-"""From where the camera looks at first, and over the obstacles of a course: directions."""
+"""Initial direction from the point of view to the camera, without and with obstacles."""
 LOOK_AT = np.array([0.0, 0.0, 0.7])
-"""At what it looks, seen from the floor below the robot [m]."""
+"""Point at which the camera looks, relative to the floor below the robot [m]."""
 FIELD_OF_VIEW = math.radians(40.0)
 NEAREST, NEAREST_BEHIND, HALF_WIDTH = 4.8, 7.5, 1.65
-"""It is no nearer than this, behind obstacles than this, and sees so much to either side of the robot [m]."""
+"""Least distance of the camera without and with obstacles, and visible width to either side of the robot [m]."""
 RESIZED = 0.05
-"""Where a picture's shape changes by more than this share, the camera is put where it sees all of the robot again."""
+"""Relative change of the picture's aspect ratio above which the camera is placed again so that it sees the robot."""
 NARROW, HIGHER = 0.6, 0.17
-"""A picture narrower than so many times its height is a telephone's, whose panel covers its lower half: there it looks
-below the robot, by so many times its distance."""
+"""Aspect ratio below which the picture is that of a telephone, whose panel covers the lower half. The camera then looks
+below the robot, by this multiple of its distance."""
 PLAIN, LINE, FLOOR = (247, 249, 251), (196, 204, 212), (232, 236, 240)
 WIND_COLOR = (0.34, 0.71, 0.91)
 REFERENCE_COLOR, WAY_COLOR = (0, 158, 115), (0, 114, 178)
 FLOOR_SIZE, CELL = 40.0, 0.5
 """Edge of the floor and of its cells [m]."""
 WIND_LENGTH = 0.15
-"""Length of the arrow of the wind [s]: so many metres for each m/s."""
+"""Length of the wind's arrow per speed [m/(m/s)]."""
 WIND_AT = np.array([0.0, 0.0, 0.75])
-"""Where that arrow begins, seen from the robot's centre of gravity [m]."""
+"""Start of the wind's arrow, relative to the robot's centre of gravity [m]."""
 Handle = Any
-"""viser's, of something in the scene."""
+"""viser's handle of an element of the scene."""
 LAYERS = 3
-"""Jets are drawn as so many, each shorter than the one before: they fade as they go."""
+"""Number of layers of a jet, each shorter than the one before, so that jets fade along their length."""
 SHOWN = ("thrust", "jets", "contact forces", "reference", "shadow")
-"""What can be hidden."""
+"""Elements that can be hidden."""
 
 
 def _rgb(color: Any) -> tuple[int, int, int]:  # noqa: ANN401 - three or more numbers in 0 … 1
-    """A colour of many shapes in one, as light mixes."""
+    """Convert a colour in 0 … 1 to linear light in 0 … 255, as viser expects for batched shapes."""
     r, g, b = (round(255.0 * float(value) ** 2.2) for value in list(color)[:3])
     return r, g, b
 
 
 def camera(aspect: float, *, behind: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """From where and at what to look for a picture so many times as wide as it is high: two points (3,) [m]."""
+    """Return the camera's position and the point it looks at, for an aspect ratio: two points (3,) [m]."""
     least, way = (NEAREST_BEHIND, FROM_BEHIND) if behind else (NEAREST, FROM)
     distance = max(least, HALF_WIDTH / (math.tan(0.5 * FIELD_OF_VIEW) * aspect))
     at = LOOK_AT - np.array([0.0, 0.0, HIGHER * distance if aspect < NARROW else 0.0])
@@ -54,27 +54,27 @@ def camera(aspect: float, *, behind: bool = False) -> tuple[np.ndarray, np.ndarr
 
 
 def _linear(colors: np.ndarray) -> np.ndarray:
-    """Colours (n, 4) as light mixes, in place of how screens show them: 0 … 255 both."""
+    """Convert colours (n, 4) from sRGB to linear light, both in 0 … 255."""
     linear = (255.0 * (colors / 255.0) ** 2.2).round().astype(np.uint8)
     linear[:, 3] = colors[:, 3]
     return linear
 
 
 class Scenery:
-    """What is in the scene of a server."""
+    """Contents of a server's scene."""
 
     def __init__(self, server: Handle, trimesh: Any, ground: GroundConfig, *, flies: bool) -> None:  # noqa: ANN401 - imported late
-        """Build it.
+        """Build the scene.
 
         Args:
-            server: viser's.
-            trimesh: The module, whose meshes viser takes.
-            ground: The floor; others may be laid that have tiles, or boxes, where this one has.
+            server: viser's server.
+            trimesh: The module, whose meshes viser uses.
+            ground: The floor; later floors must have tiles, or boxes, exactly where this one has them.
             flies: Whether there is a reference.
         """
         self._scene, self._trimesh = server.scene, trimesh
         self.follows = True
-        """Whether the robot stays in the middle, and the world moves below it."""
+        """Whether the robot stays in the middle while the world moves below it."""
         self._boxed = ground.boxed
         server.initial_camera.position, server.initial_camera.look_at = camera(1.0, behind=self._boxed)
         server.initial_camera.fov = FIELD_OF_VIEW
@@ -106,13 +106,13 @@ class Scenery:
         self.hide("", is_hidden=False)
 
     def _look(self, client: Handle) -> None:
-        """Have a browser that opens the page see all of the robot, also when its picture gets another shape."""
+        """Place the camera of a new browser so that it sees the whole robot, also after changes of the aspect ratio."""
         shape, (first, _) = [math.inf], camera(1.0, behind=self._boxed)
 
         def look(view: Handle) -> None:
             aspect = float(view.aspect)
             position, look_at = camera(aspect, behind=self._boxed)
-            # A browser may take the server's first camera after it was given its own.
+            # A browser may apply the server's initial camera after its own was set.
             is_lost = np.allclose(view.position, first, atol=1e-3) and not np.allclose(position, first, atol=1e-3)
             if is_lost or abs(aspect / shape[0] - 1.0) > RESIZED:
                 shape[0] = aspect
@@ -156,7 +156,7 @@ class Scenery:
             self._goal.wxyz = (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
 
     def hide(self, what: str, is_hidden: bool) -> None:
-        """Leave one of `SHOWN` out, or show it again."""
+        """Hide one of `SHOWN`, or show it again."""
         (self._hidden.add if is_hidden else self._hidden.discard)(what)
         self._thrust.visible = "thrust" not in self._hidden
         for handle in self._jets:
@@ -167,7 +167,7 @@ class Scenery:
         self._reference.visible, self._com.visible = shows and self._flies, shows
 
     def show(self, frame: Frame) -> None:
-        """Show a moment."""
+        """Show a frame."""
         puppet = self._puppet
         puppet.place(frame.qpos, frame.thrust)
         for part, handle in self._robot:
@@ -191,7 +191,7 @@ class Scenery:
 
     def _add_part(self, part: Part) -> Handle:
         visual = self._trimesh.visual
-        # By default it would be of metal, which shows nothing but what it mirrors.
+        # The default material is metal, which shows reflections only.
         look = visual.TextureVisuals(material=visual.material.PBRMaterial(metallicFactor=0.0, roughnessFactor=0.7))
         look.vertex_attributes["color"] = _linear(part.mesh.colors)
         mesh = self._trimesh.Trimesh(part.mesh.vertices, part.mesh.faces, visual=look, process=False)
@@ -219,7 +219,7 @@ class Scenery:
 
 
 def _cube() -> tuple[np.ndarray, np.ndarray]:
-    """A cube of edge 1 round the origin: vertices, triangles."""
+    """Return vertices and triangles of a cube of edge 1 centred at the origin."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return corners, np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])

@@ -1,4 +1,4 @@
-"""Serves the page: one address of one machine, no other unless it is asked for, and a loop that keeps time."""
+"""Serves the page at one address, which only this machine reaches by default, and runs the loop in real time."""
 
 import contextlib
 import importlib
@@ -18,12 +18,12 @@ from spidar_gym.viz.live.page import Page
 from spidar_gym.viz.live.session import Session
 
 HOST, PORT = "127.0.0.1", 8080
-"""Where the page is: this machine alone can open it."""
+"""Default address of the page, which only this machine can open."""
 INSTALL_WEB = "pip install 'spidar-gym[web]'"
 
 
 def require_viser() -> tuple[Any, Any]:
-    """The modules viser and trimesh (`MissingDependencyError` says what to install)."""
+    """Import the modules viser and trimesh (`MissingDependencyError` states what to install)."""
     try:
         return importlib.import_module("viser"), importlib.import_module("trimesh")
     except ImportError as error:
@@ -31,13 +31,13 @@ def require_viser() -> tuple[Any, Any]:
 
 
 def require_address(host: str, port: int) -> None:
-    """Refuse an address that is not this machine's, or a port that is taken: viser would look for others, or hang."""
+    """Refuse an address of another machine, or a port in use, for which viser would use another port or hang."""
     if not 0 <= port <= 65535:
-        raise InvalidValueError("port", port, "a port number within 1 … 65535, or 0 for any that is free")
+        raise InvalidValueError("port", port, "a port number within 1 … 65535, or 0 for any free port")
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except OSError as error:
-        raise InvalidValueError("host", host, "an address of this machine, 127.0.0.1 for itself alone") from error
+        raise InvalidValueError("host", host, "an address of this machine, such as 127.0.0.1") from error
     family, kind, protocol, _, address = found[0]
     with socket.socket(family, kind, protocol) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -45,13 +45,13 @@ def require_address(host: str, port: int) -> None:
             probe.bind(address)
         except OSError as error:
             raise SpidarError(
-                f"cannot listen on {host}, port {port}: {error.strerror}; valid: an address of this machine, and a "
-                "port that nobody uses (--port 0 takes any)"
+                f"cannot listen on {host}, port {port}: {error.strerror}; valid: an address of this machine and a "
+                "free port (--port 0 for any)"
             ) from error
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address is reached from this machine alone."""
+    """Return whether an address can be reached from this machine only."""
     found = socket.getaddrinfo(host, None)
     return all(ipaddress.ip_address(address[0]).is_loopback for *_, address in found)
 
@@ -60,24 +60,24 @@ def is_loopback(host: str) -> bool:
 def served(
     session: Session, policies: Mapping[str, str], *, host: str = HOST, port: int = PORT
 ) -> Iterator[tuple[Page, str]]:
-    """The page of a session while it is served, and its address.
+    """Serve the page of a session; yield the page and its address.
 
     Args:
-        session: The robot.
-        policies: What can be chosen to fly: name → module:Class or an artifact's path.
-        host: Address that is listened on: by default nobody else's machine reaches it.
-        port: … and port; 0 takes any that is free.
+        session: Session of the robot.
+        policies: Available policies: name → module:Class or an artifact's path.
+        host: Address of the server; by default other machines cannot reach it.
+        port: Port of the server; 0 for any free port.
 
     Raises:
         MissingDependencyError: Without the extra `web`.
-        SpidarError: For an address that cannot be listened on.
+        SpidarError: For an address or port that is not available.
     """
     viser, trimesh = require_viser()
     require_address(host, port)
     gate = Gate(host, is_open=not is_loopback(host))
-    with contextlib.redirect_stdout(io.StringIO()):  # it draws a box with words of its own
+    with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
         server = gate.start(viser, port)
-    # Otherwise a browser could have it open a tunnel to a server of others, for everybody.
+    # Otherwise a browser could make viser open a public tunnel through an external server.
     server.request_share_url = lambda *_, **__: None
     try:
         page = Page(server, trimesh, session, Clock(time.perf_counter), policies)
@@ -90,10 +90,10 @@ def served(
 
 
 def keep_time(page: Page, stop: Callable[[], bool]) -> None:
-    """Fly in the wall's time, do what people ask for, and show it, until `stop` says so.
+    """Run the session in real time, apply inputs and update the page, until `stop` returns True.
 
-    A moment that cannot be shown, or an order that cannot be done, is a line on the standard error and ends nothing:
-    viser's own threads can come between.
+    An error in an update or an input is printed as one line on the standard error and does not end the loop, because
+    viser's own threads can cause such errors.
     """
     clock, session, said = page.clock, page.session, set[str]()
 
@@ -102,7 +102,7 @@ def keep_time(page: Page, stop: Callable[[], bool]) -> None:
             do(*given)
         except Exception as error:
             words = " ".join(f"{type(error).__name__}: {error}".split())
-            if words not in said:  # once each
+            if words not in said:  # each one once
                 said.add(words)
                 print(f"spidar: warning: the page: {words}; the flight goes on", file=sys.__stderr__)
 
@@ -114,4 +114,4 @@ def keep_time(page: Page, stop: Callable[[], bool]) -> None:
             except PolicyError as error:
                 tried(page.tell, str(error))
         tried(page.show, time.perf_counter())
-        time.sleep(clock.wait + 1e-4)  # or, by rounding, it might not be due yet
+        time.sleep(clock.wait + 1e-4)  # the margin covers rounding, so that the period is due afterwards

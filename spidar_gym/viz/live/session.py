@@ -1,4 +1,4 @@
-"""The session: one robot that flies or crawls on, and all that people may change about it; no page, no threads."""
+"""The session: one robot that flies or crawls without end, and all inputs of users; has no page and no threads."""
 
 import inspect
 import math
@@ -31,47 +31,47 @@ from spidar_gym.viz.live.steered import SteeredHover, SteeredPath
 from spidar_gym.viz.live.traces import Traces, row
 
 ALONE = ""
-"""Name of the policy that adds nothing: the preset alone."""
+"""Name of the empty policy: the preset alone."""
 BY_HAND = "by hand"
-"""Forms that nobody draws: the robot keeps the one that was chosen."""
+"""Sequence option without sampled forms: the robot keeps the form that the user chose."""
 INNER, OUTER = (math.radians(-10.0), math.radians(50.0)), (0.0, math.radians(90.0))
-"""Pitches of the legs' inner and outer joints that may be chosen [rad]."""
+"""Ranges of the pitches of the legs' inner and outer joints [rad]."""
 ENDLESS, PATHS_END = 3600.0, 60.0
-"""How long an episode lasts, and one along a path [s]: then the next begins."""
+"""Length of an episode of a hover and of a path [s]; then the next begins."""
 REST = 2.0
-"""An episode that is over is looked at for so long before the next begins [s]."""
+"""Time for which an ended episode stays visible before the next begins [s]."""
 _KINDS: dict[str, type[SpidarEnv]] = {HOVER: SteeredHover, PATH: SteeredPath, CRAWL: CrawlEnv, COURSE: CourseEnv}
 _PRESETS: dict[str, str] = {
     env_id: inspect.signature(kind).parameters["preset"].default
     for env_id, kind in {HOVER: HoverEnv, PATH: HoverEnv, CRAWL: CrawlEnv, COURSE: CourseEnv}.items()
 }
-"""The environments' own choices."""
+"""The environments' default presets."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What there is to see at one moment."""
+    """Visible state of the robot at one time."""
 
     time: float
     """Time since the episode began [s]."""
     qpos: np.ndarray
     """Configuration of the simulated robot, (39,)."""
     thrust: np.ndarray
-    """(8,) [N]."""
+    """Thrust of the rotors, (8,) [N]."""
     contacts: np.ndarray
-    """Contact points and forces, world: (k, 6) [m, N]."""
+    """Contact points and forces, world axes, (k, 6) [m, N]."""
     reference_w: np.ndarray | None
-    """Where the CoG of a flight is to be, (3,) [m]."""
+    """Reference of the CoG in flight, (3,) [m]; None on the ground."""
     wind_w: np.ndarray
-    """Wind now, (3,) [m/s]."""
+    """Present wind, world axes, (3,) [m/s]."""
     phase: str
-    """What the robot is at, in words."""
+    """Phase of the robot, as text."""
     over: str
-    """Why the episode is over; empty while it goes on."""
+    """Why the episode has ended; empty during the episode."""
 
 
 class Session:
-    """A robot that flies or crawls on."""
+    """A robot that flies or crawls through successive episodes."""
 
     def __init__(
         self,
@@ -84,19 +84,19 @@ class Session:
         form: str = "form1",
         disturbances: Disturbances | None = None,
     ) -> None:
-        """Begin.
+        """Start the first episode.
 
         Args:
             env_id: Environment.
-            options: Arguments of the environment besides its length; a flight holds its form if they name no `forms`.
-            policy: module:Class, an artifact's path, or nothing for the controller alone.
-            trust: Whether that may be a zip of Stable-Baselines3.
-            seed: Of the first episode; the next ones follow it.
-            form: That a flight begins in, one of the paper's.
-            disturbances: What happens from outside at first.
+            options: Arguments of the environment except its length; a flight holds its form unless `forms` is given.
+            policy: module:Class, an artifact's path, or empty for the controller alone.
+            trust: Whether the policy may be a zip of Stable-Baselines3.
+            seed: Seed of the first episode; later episodes use the following seeds.
+            form: Initial form of a flight, one of the paper's.
+            disturbances: Initial disturbances.
 
         Raises:
-            SpidarError: For what the environment, or the policy, refuses.
+            SpidarError: For arguments that the environment or the policy refuses.
         """
         environment(env_id)
         self.env_id, self._trust = env_id, trust
@@ -107,15 +107,15 @@ class Session:
         self.form = FORMS[form]
         """The form that was chosen last [rad]."""
         self.disturbances, self.towards = disturbances or Disturbances(), 0.0
-        """What happens from outside, and where the wind blows to [rad]."""
+        """Disturbances, and the direction in which the wind blows [rad]."""
         self._is_changed = False
         self.seed = seed - 1
         """Seed of this episode."""
         self.traces, self.passed = Traces(), 0
-        """The last seconds, and all ticks that have passed in them and before."""
+        """Curves of the last seconds, and the total number of ticks."""
         self._set(*self._make(policy, str(self._options.pop("preset", _PRESETS[env_id]))))
 
-    # ---- who flies ----
+    # ---- controller and policy ----
 
     @property
     def flies(self) -> bool:
@@ -124,19 +124,19 @@ class Session:
 
     @property
     def presets(self) -> tuple[str, ...]:
-        """Controllers that there are here."""
+        """Presets of the environment."""
         listed = tuple(CRAWL_PRESETS if self.env_id == CRAWL else PRESETS)
         return listed if self.preset in listed else (*listed, self.preset)  # a former one may be flying
 
     def choose(self, *, policy: str | None = None, preset: str | None = None) -> None:
-        """Let somebody else fly from now on, from the beginning of an episode; nothing changes where that is refused.
+        """Change the policy or the preset, and start an episode; nothing changes if the choice is refused.
 
         Args:
-            policy: As at the beginning; the present one if None.
-            preset: The controller; the present one, or that of the policy, if None.
+            policy: Policy, as in the constructor; the present one if None.
+            preset: Preset of the controller; the present one if None. A policy may replace it.
 
         Raises:
-            SpidarError: For a policy that is not for this environment, or chooses its preset itself.
+            SpidarError: For a policy that is not for this environment, or an unknown preset.
         """
         made = self._make(self.policy if policy is None else policy, self.preset if preset is None else preset)
         before = self.env
@@ -153,7 +153,7 @@ class Session:
         given = {name: value for name, value in self._options.items() if name not in chosen} | dict(chosen)
         if self.env_id == COURSE:
             given["hold"] = 1
-            if not policy:  # who adds nothing to the rule goes by it
+            if not policy:  # without a policy the residual is zero and the rule decides
                 given.setdefault("action_mode", "residual")
         if not is_own:
             given["preset"] = preset
@@ -175,7 +175,7 @@ class Session:
 
     @property
     def _first_forms(self) -> str:
-        """What an episode begins with: the sequence, the form that is held, or the first where that has no name."""
+        """Argument `forms` at a reset: the sequence, the name of the held form, or form1 where it has no name."""
         if self.forms != BY_HAND:
             return self.forms
         return next((name for name, form in FORMS.items() if form is self.form), "form1")
@@ -183,33 +183,33 @@ class Session:
     # ---- time ----
 
     def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> None:
-        """Begin an episode: that of a seed, or the next; the reference is home again.
+        """Start an episode, with a given seed or the next one, and reset the helm.
 
         Args:
-            seed: Of the episode.
-            options: As of the environment's `reset`.
+            seed: Seed of the episode.
+            options: As in the environment's `reset`.
 
         Raises:
-            SpidarError: For an option that is not valid, and nothing has changed.
+            SpidarError: For an invalid option; nothing has changed then.
         """
         seed = self.seed + 1 if seed is None else seed
         forms = {"forms": self._first_forms} if self.flies else {}
         self._observation, self.info = self.env.reset(seed=seed, options=forms | dict(options or {}))
-        """What the environment tells now."""
+        """The environment's present `info`."""
         self.seed = seed
         self._actor.reset(seed)
         self.over, self._rested = "", 0
-        """Why the episode is over; empty while it goes on."""
+        """Why the episode has ended; empty during the episode."""
         if self.forms == BY_HAND and self.form is not FORMS[self._first_forms]:
             self._flight.take_form(self.form)
         if self._is_changed:
             self.env.disturb(replace(self.disturbances, fault_time=0.0), self.towards)
 
     def tick(self) -> None:
-        """Let one control period pass; an episode that is over rests, and then the next one begins.
+        """Run one control period; an ended episode stays as it is for `REST`, and then the next one begins.
 
         Raises:
-            PolicyError: Where the policy fails; the next call begins an episode.
+            PolicyError: If the policy fails; the next call starts an episode.
         """
         self.passed += 1
         if self.over:
@@ -234,7 +234,7 @@ class Session:
 
     @property
     def frame(self) -> Frame:
-        """What there is to see now."""
+        """The present frame."""
         env, plant = self.env, self.env.plant
         weather = plant.record["weather"]
         return Frame(
@@ -255,7 +255,7 @@ class Session:
 
     @property
     def way(self) -> np.ndarray | None:
-        """Where the path of this episode leads, (n, 3) [m], where there is one."""
+        """Points of this episode's path, (n, 3) [m]; None without a path."""
         path = self._flight.path if self.flies else None
         if path is None:
             return None
@@ -265,7 +265,7 @@ class Session:
 
     @property
     def goal(self) -> tuple[float, float, float] | None:
-        """Where a robot on the ground is to lie: x, y [m], heading [rad]."""
+        """Goal of a robot on the ground: x, y [m], heading [rad]; None in flight."""
         if isinstance(self.env, CourseEnv):
             pose = self.env.course.goal
         elif isinstance(self.env, CrawlEnv):
@@ -280,7 +280,7 @@ class Session:
         progress = self._flight.progress
         return "hovers" if np.array_equal(progress.plan(), progress.goal.joint_target) else "legs move"
 
-    # ---- what people change ----
+    # ---- inputs of users ----
 
     @property
     def _flight(self) -> SteeredHover:
@@ -292,14 +292,14 @@ class Session:
             raise InvalidValueError(what, self.env_id, f"a flight, {HOVER} or {PATH}")
 
     def take_form(self, inner: float, outer: float) -> None:
-        """Have all legs move to these pitches of their inner and outer joints [rad]."""
+        """Move all legs to these pitches of their inner and outer joints [rad]."""
         self._require_flight("form")
         require_within(*INNER, "rad", inner=inner)
         require_within(*OUTER, "rad", outer=outer)
         self._take(np.tile([0.0, inner, 0.0, outer], N_LEGS))
 
     def take_named_form(self, name: str) -> None:
-        """Have all legs move to one of the paper's forms."""
+        """Move all legs to one of the paper's forms."""
         self._require_flight("form")
         require_name("form", name, FORMS)
         self._take(FORMS[name])
@@ -309,7 +309,7 @@ class Session:
         self._flight.take_form(form)
 
     def take_forms(self, sequence: str) -> None:
-        """Have the legs go through a sequence of forms, one of `SEQUENCES`, or keep the one chosen last (`BY_HAND`)."""
+        """Move the legs through a sequence of forms, one of `SEQUENCES`, or to the form chosen last (`BY_HAND`)."""
         self._require_flight("forms")
         require_name("form sequence", sequence, (BY_HAND, *SEQUENCES))
         self.forms = sequence
@@ -320,21 +320,21 @@ class Session:
             self._flight.take_forms()
 
     def nudge(self, forward: float = 0.0, left: float = 0.0, up: float = 0.0, turn: float = 0.0) -> None:
-        """Move where the reference goes, seen from where it looks [m], and turn it to the left [rad]."""
+        """Move the reference's goal in its heading frame [m], and turn it to the left [rad]."""
         self._require_flight("nudge")
         self._flight.helm.nudge(forward, left, up, turn)
 
     def home(self) -> None:
-        """Have the reference go back to where the task has it."""
+        """Return the reference to that of the task."""
         self._require_flight("home")
         self._flight.helm.home()
 
     def disturb(self, towards: float | None = None, **changes: Any) -> None:  # noqa: ANN401 - fields of `Disturbances`
-        """Let something else happen from now on.
+        """Change the disturbances from now on.
 
         Args:
-            towards: Where the wind blows to [rad]; as before if None.
-            changes: Fields of `Disturbances`; the others stay as they are, and a rotor is lost at once.
+            towards: Direction in which the wind blows [rad]; unchanged if None.
+            changes: Fields of `Disturbances`; the others do not change, and a rotor is lost at once.
         """
         chosen = replace(self.disturbances, **{"fault_time": 0.0, **changes})
         self.env.disturb(chosen, self.towards if towards is None else towards)
@@ -342,13 +342,13 @@ class Session:
         self.towards = self.towards if towards is None else towards
 
     def shove(self, newtons: float, towards: float) -> None:
-        """Push the torso for 0.2 s, level, in a direction [N], [rad]."""
+        """Push the torso horizontally for 0.2 s with a force [N] in a direction [rad]."""
         require_within(0.0, 1e3, "N", newtons=newtons)
         require_within(-math.tau, math.tau, "rad", towards=towards)
         self.env.plant.shove(newtons * np.array([math.cos(towards), math.sin(towards), 0.0]))
 
     def crawl_to(self, distance: float, direction: float, turn: float) -> None:
-        """Begin a crawl to a goal of one's own: how far [m], in which direction, and how far turned [rad]."""
+        """Start a crawl to a goal given by its distance [m], its direction [rad] and its turn [rad]."""
         if not isinstance(self.env, CrawlEnv):
             raise InvalidValueError("goal", self.env_id, f"a crawl, {CRAWL}")
         goal = {"distance": distance, "direction": direction, "turn": turn}

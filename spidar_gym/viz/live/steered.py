@@ -1,4 +1,4 @@
-"""Flights that people steer: reference and form change while they fly, by what every task may change."""
+"""Flights that users steer: the reference and the form change during the episode."""
 
 import math
 from typing import Any
@@ -23,10 +23,10 @@ class SteeredHoverTask(HoverTask):
     """A hover whose reference is moved by a helm."""
 
     helm: Any = None
-    """The helm, one for every environment."""
+    """The environment's helm."""
 
     def reference(self, robots: HoverRobots) -> np.ndarray:
-        """That of the schedule, moved by the helm."""
+        """Return the reference of the schedule, moved by the helm."""
         wanted = super().reference(robots)
         self.helm.advance(int(robots.ticks[0]))
         fill(wanted[0], self.helm.applied(read_reference(wanted[0])))
@@ -34,18 +34,18 @@ class SteeredHoverTask(HoverTask):
 
 
 class SteeredPathTask(SteeredHoverTask, PathTask):
-    """A path whose reference is moved by a helm besides."""
+    """A path whose reference is moved by a helm."""
 
 
 class SteeredHover(HoverEnv):
-    """A hover whose reference and form a person chooses in flight."""
+    """A hover whose reference and form a user changes in flight."""
 
     task_type = SteeredHoverTask
 
     def __init__(self, **options: Any) -> None:  # noqa: ANN401 - those of the hover
-        """Build the hover; arguments and errors are its own."""
+        """Build the hover; arguments and errors are those of `HoverEnv`."""
         self.helm = Helm()
-        """Where the reference is to go."""
+        """Offset of the reference and its goal."""
         super().__init__(**options)
         object.__setattr__(self.task, "helm", self.helm)
 
@@ -55,20 +55,20 @@ class SteeredHover(HoverEnv):
         super()._prepare(fleet)
 
     def reference_ahead(self, seconds: float) -> Reference:
-        """What is known of what comes: a path, moved as far as the helm has come."""
+        """Return the future reference; on a path it is moved by the helm's present offset."""
         ahead = super().reference_ahead(seconds)
         return ahead if self.path is None else self.helm.applied(ahead)
 
     def take_form(self, joint_target: JointVector) -> None:
-        """Let the legs move to this form from now on, in place of whatever was to come [rad]."""
+        """Move the legs to this form from now on, in place of the scheduled forms [rad]."""
         self._go_on([FormGoal(0.0, 0.0, joint_target)])
 
     def take_forms(self) -> None:
-        """Let the legs go through the forms of the task, drawn anew, from now on."""
+        """Sample a new sequence of the task's forms and move the legs through it from now on."""
         self._go_on(list(draw_start(self.task, self.np_random).goals))
 
     def _go_on(self, goals: list[FormGoal]) -> None:
-        """Go through other forms from now on; the legs are on their way from where the plan has them."""
+        """Replace the remaining schedule by other forms, starting from the planned joint angles."""
         progress = self.progress
         now, plan = progress.time, progress.plan()
         begin = now + 1.0 / CONTROL_RATE
@@ -81,6 +81,6 @@ class SteeredHover(HoverEnv):
 
 
 class SteeredPath(SteeredHover, PathEnv):
-    """A path whose reference is moved besides, and on which a person chooses the form."""
+    """A path whose reference and form a user changes in flight."""
 
     task_type = SteeredPathTask

@@ -1,4 +1,4 @@
-"""What is drawn over the last seconds: errors, and the shares of their limits that joints and rotors use."""
+"""Curves of the last seconds: errors, and loads of joints and rotors as shares of their limits."""
 
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -13,23 +13,23 @@ from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 
 SECONDS = 20.0
-"""How long it is remembered [s]."""
+"""Length of the curves [s]."""
 POINTS = 200
-"""No more points of a curve are handed out."""
+"""Approximate largest number of points of a curve."""
 
 
 @dataclass(frozen=True)
 class Plot:
-    """Some curves with one axis."""
+    """Curves that share one axis."""
 
     title: str
-    """What it is, with its unit."""
+    """Quantity with its unit."""
     names: tuple[str, ...]
-    """What each curve is."""
+    """Names of the curves."""
     high: float
-    """The axis reaches up to it at least, and down to as much below 0."""
+    """Least upper end of the axis; also of the lower end, negated, unless `low` is given."""
     low: float | None = None
-    """Where the axis begins, which then ends at `high` always."""
+    """Lower end of the axis; None for −`high`."""
 
 
 SHARES = Plot("share of the limit [%]", ("joint torque", "thrust"), 100.0, 0.0)
@@ -39,29 +39,29 @@ FLIGHT = (
     SHARES,
 )
 GROUND = (
-    Plot("way to the goal [mm]", ("x", "y"), 10.0),
-    Plot("angles to the goal [mrad]", ("heading", "tilt"), 10.0),
+    Plot("goal error [mm]", ("x", "y"), 10.0),
+    Plot("heading error, tilt [mrad]", ("heading", "tilt"), 10.0),
     SHARES,
 )
 HOPS = (
-    Plot("way to the goal [m]", ("x", "y"), 1.0),
+    Plot("goal error [m]", ("x", "y"), 1.0),
     Plot("lift and charge [%]", ("thrust / weight", "charge"), 150.0, 0.0),
     SHARES,
 )
 
 
 def plots(env_id: str) -> tuple[Plot, ...]:
-    """What is drawn of an environment."""
+    """Return the plots of an environment."""
     return {CRAWL: GROUND, COURSE: HOPS}.get(env_id, FLIGHT)
 
 
 def row(env_id: str, info: Mapping[str, Any], plant: Plant) -> list[float]:
-    """The values of all curves now, plot by plot.
+    """Return the present values of all curves, plot by plot.
 
     Args:
         env_id: Environment.
-        info: What it tells.
-        plant: Its robot, whose limits count.
+        info: The environment's `info`.
+        plant: Its plant, whose limits are used.
     """
     actuators = plant.config.actuators
     torque = float(np.abs(info["joint_torque"]).max()) / min(actuators.max_joint_torque, ROBOT.max_joint_torque)
@@ -76,22 +76,22 @@ def row(env_id: str, info: Mapping[str, Any], plant: Plant) -> list[float]:
 
 
 class Traces:
-    """The last seconds of all curves; a time of its own, which goes on over resets, is their abscissa."""
+    """The last seconds of all curves, over a time that continues across resets."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
+        """Start without values."""
         self._rows: deque[tuple[float, Sequence[float]]] = deque(maxlen=round(SECONDS * CONTROL_RATE))
 
     def add(self, time: float, values: Sequence[float]) -> None:
-        """Remember the values at a time [s]."""
+        """Store the values at a time [s]."""
         self._rows.append((time, values))
 
     def columns(self, first: int, count: int) -> tuple[np.ndarray, ...]:
-        """Time before now [s, negative] and `count` curves from the `first` on, thinned to `POINTS`: (n,) each."""
+        """Return time relative to now [s, negative] and `count` curves from `first`, thinned to `POINTS`; (n,) each."""
         rows = list(self._rows)
         if not rows:
             return (np.array([-1.0 / CONTROL_RATE, 0.0]), *[np.zeros(2)] * count)
-        # Every n-th by their number in all, not in the list: as they move on, curves keep the same points.
+        # Every n-th point by its overall number, not by its place in the list, so that moving curves keep their points.
         stride = max(1, -(-len(rows) // POINTS))
         last = round(rows[-1][0] * CONTROL_RATE)
         rows = [row for k, row in enumerate(reversed(rows)) if k == 0 or (last - k) % stride == 0][::-1]

@@ -1,4 +1,4 @@
-"""Measures what the page costs, others beside it, and takes its pictures: `python -m tests.viz.live.costs`."""
+"""Measures the costs of the page and of other pages, and takes its pictures: `python -m tests.viz.live.costs`."""
 
 import argparse
 import json
@@ -51,17 +51,17 @@ HEADING = [
 SIZES = ((1280, 800), (390, 844))
 """A desk's window and a telephone's."""
 WARM, SECONDS, CLICKS = 12.0, 8.0, 10
-"""How long a page is left alone at first [s], how long each thing is measured [s], how many clicks are timed."""
+"""Time to warm up [s], duration of each measurement [s], number of timed clicks."""
 TRIES, KEEPS_UP = 2, 0.95
-"""How often a page is measured until the robot behind it flies in real time, nearly."""
+"""Largest number of measurements of a page, and least speed of its robot in multiples of real time."""
 NONE = "–"
 COLORS = 256
-"""Of a picture."""
+"""Number of colours of a picture."""
 PAINTED = """new Promise(done => { let n = 0; const begin = performance.now();
   const step = () => { n++; const passed = performance.now() - begin;
     passed > 5000 ? done(1000 * n / passed) : requestAnimationFrame(step); };
   requestAnimationFrame(step); })"""
-"""Pictures a second that the browser paints, over five seconds."""
+"""JavaScript that returns the pictures per second that the browser paints, over five seconds."""
 
 
 @dataclass(frozen=True)
@@ -70,18 +70,18 @@ class Shown:
 
     address: str
     ready: str
-    """JavaScript that is true once the page is there."""
+    """JavaScript expression that is true once the page is loaded."""
     ticks: Callable[[], int]
     """Control periods that have passed."""
     session: Session | None = None
-    """What is behind it, where it is ours."""
+    """Session of the page; None for other packages' pages."""
     cast: Callable[[bool], object] | None = None
-    """Has shadows cast, or not."""
+    """Turns shadows on or off."""
 
 
 @contextmanager
 def running(loop: Callable[[Callable[[], bool]], object]) -> Iterator[None]:
-    """A loop on a thread of its own, which is told when to stop."""
+    """Run a loop on a separate thread until the context ends."""
     ended = threading.Event()
     thread = threading.Thread(target=loop, args=(ended.is_set,))
     thread.start()
@@ -94,7 +94,7 @@ def running(loop: Callable[[Callable[[], bool]], object]) -> Iterator[None]:
 
 @contextmanager
 def ours() -> Iterator[Shown]:
-    """`spidar view --web`, in wind."""
+    """Serve `spidar view --web`, in wind."""
     session = Session(options={"preset": "tuned", "joint_speed": 0.6}, disturbances=Disturbances(wind=4.0))
     with ExitStack() as stack:
         stack.callback(session.close)
@@ -108,7 +108,7 @@ def ours() -> Iterator[Shown]:
 
 @contextmanager
 def hovering(model: Any, data: Any, show: Callable[[], object], address: str) -> Iterator[Shown]:
-    """A hover of the same preset, shown by somebody else."""
+    """Run a hover of the same preset, shown by another package."""
     env = gymnasium.make(HOVER, forms="form1", preset="tuned", max_episode_steps=10**6)
     env.reset(seed=0)
     ticks = [0]
@@ -130,7 +130,7 @@ def hovering(model: Any, data: Any, show: Callable[[], object], address: str) ->
 
 @contextmanager
 def mjviser() -> Iterator[Shown]:
-    """mjviser's scene."""
+    """Serve mjviser's scene."""
     import viser
     from mjviser import ViserMujocoScene
 
@@ -144,7 +144,7 @@ def mjviser() -> Iterator[Shown]:
 
 @contextmanager
 def studio() -> Iterator[Shown]:
-    """MuJoCo's own."""
+    """Serve MuJoCo's studio."""
     from mujoco.studio import app, launch_web, viewer_protocol
 
     model, port = scene(visual=True, film=True), free_port()
@@ -157,18 +157,18 @@ def studio() -> Iterator[Shown]:
 
 
 PAGES = {"spidar view": (ours, "viser"), "mjviser": (mjviser, "mjviser"), "MuJoCo's studio": (studio, "mujoco")}
-"""Name → what makes it, and the package whose version is told."""
+"""Name → function that serves the page, and the package whose version is reported."""
 
 
 def free_port() -> int:
-    """One that nobody uses now."""
+    """Return a port that is free now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
 
 
 def sent() -> list[int]:
-    """Bytes that this process hands to its web sockets from now on."""
+    """Count the bytes that this process sends on web sockets from now on; the list's entry is updated."""
     count, send = [0], websockets.asyncio.connection.Connection.send
 
     async def counted(self: Any, message: Any, *args: Any, **options: Any) -> None:
@@ -180,7 +180,7 @@ def sent() -> list[int]:
 
 
 def until(is_so: Callable[[], bool]) -> None:
-    """Wait, a minute at most."""
+    """Wait until a condition holds, for at most a minute."""
     begin = time.monotonic()
     while not is_so():
         if time.monotonic() - begin > 60.0:
@@ -189,7 +189,7 @@ def until(is_so: Callable[[], bool]) -> None:
 
 
 def show_off(browser: Chromium, session: Session) -> None:
-    """Have something to see: forms change, somebody pushes."""
+    """Change forms and push the robot, for the pictures."""
 
     def wait(seconds: float) -> None:
         end = session.passed + seconds * CONTROL_RATE
@@ -205,7 +205,7 @@ def show_off(browser: Chromium, session: Session) -> None:
 
 
 def draw(browser: Chromium, path: Path) -> None:
-    """A picture small enough for a page, without viser's word about the browser's OpenGL."""
+    """Save a picture small enough for a page, without viser's notice about the browser's OpenGL."""
     browser.js("document.querySelectorAll('.mantine-Notification-closeButton').forEach(each => each.click())")
     browser.until("!document.querySelector('.mantine-Notification-closeButton')")
     browser.picture(path)
@@ -215,7 +215,7 @@ def draw(browser: Chromium, path: Path) -> None:
 
 
 def timed_clicks(browser: Chromium, session: Session) -> list[float]:
-    """Seconds from a click on a form to when the robot's task has it; the state follows, and that is made sure."""
+    """Measure the seconds from a click on a form to its arrival in the task; check that the state follows."""
     arrived, delays = list[float](), list[float]()
     take = session.take_named_form
 
@@ -235,7 +235,7 @@ def timed_clicks(browser: Chromium, session: Session) -> list[float]:
 
 
 def measure(name: str, size: tuple[int, int], pictures: Path | None) -> list[str]:
-    """The line of a page in a window."""
+    """Measure a page in a window; return its line of the table."""
     width, height = size
     count = sent()
     with ExitStack() as stack:
@@ -262,7 +262,7 @@ def measure(name: str, size: tuple[int, int], pictures: Path | None) -> list[str
             low, middle, high = 1e3 * np.quantile(timed_clicks(browser, page.session), (0.0, 0.5, 1.0))
             line[-1] = f"{middle:.0f}, {low:.0f} … {high:.0f}"
             if pictures:
-                browser.call("Page.navigate", url=f"{page.address}?fixedDpr=1")  # viser would draw it coarsely
+                browser.call("Page.navigate", url=f"{page.address}?fixedDpr=1")  # else viser renders coarsely
                 browser.until(page.ready)
                 show_off(browser, page.session)
                 draw(browser, pictures / f"web-{width}.png")
@@ -275,15 +275,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(prog="python -m tests.viz.live.costs", description=__doc__)
     parser.add_argument("--pages", nargs="+", choices=PAGES, default=PAGES, help="which, all if not given")
-    parser.add_argument("--pictures", type=Path, help="where the pictures of our page go, web-1280.png and web-390.png")
-    parser.add_argument("--out", type=Path, help="the result, for the table in the guide")
+    parser.add_argument("--pictures", type=Path, help="folder for web-1280.png and web-390.png, pictures of our page")
+    parser.add_argument("--out", type=Path, help="file for the result, read by the table in the guide")
     args = parser.parse_args(arguments)
     pictures = output_folder(args.pictures) if args.pictures else None
     lines = list[list[str]]()
     for size in SIZES:
         for name in args.pages:
-            # In a process of its own, which is ended with all its threads: what it costs is what this page costs.
-            # Where the machine had no time for the robot, nothing else counts either: once more.
+            # Each page runs in a separate process, which ends with all its threads, so that costs are not mixed.
+            # If the robot was slower than real time, the other figures are invalid too: measure again.
             for _ in range(TRIES):
                 with get_context("spawn").Pool(1) as pool:
                     line = [*pool.apply(measure, (name, size, pictures)), f"{os.getloadavg()[0]:.1f}"]

@@ -21,7 +21,7 @@ RECTANGLES = """[...document.querySelectorAll('button, input')].map(b => [b, b.g
 
 @pytest.fixture
 def opened():
-    """Opens a browser on a session that flies in real time."""
+    """Open a browser on a session that flies in real time."""
     from support.chromium import Chromium
 
     undo = []
@@ -45,7 +45,7 @@ def opened():
 
 
 def flown(session, is_so):
-    """Wait, ten seconds of the robot at most, until something is so."""
+    """Wait until a condition holds, for at most ten simulated seconds."""
     begin = session.passed
     while not is_so():
         assert session.passed < begin + 400
@@ -53,14 +53,14 @@ def flown(session, is_so):
 
 
 def seen(browser, path):
-    """The picture, (height, width, 3)."""
+    """Return the picture, (height, width, 3)."""
     image = pytest.importorskip("PIL.Image")
     browser.picture(path)
     return np.asarray(image.open(path).convert("RGB")).astype(int)
 
 
 def orange(picture):
-    """Where the arrows of the thrusts are: rows and columns."""
+    """Return rows and columns of the pixels of the thrusts' arrows."""
     red, green, blue = np.moveaxis(picture, 2, 0)
     return np.argwhere((red > 150) & (green < 120) & (blue < 90))
 
@@ -68,7 +68,7 @@ def orange(picture):
 @pytest.mark.parametrize("size", [DESK, TELEPHONE], ids=["desk", "telephone"])
 def test_the_robot_is_in_the_picture_and_nothing_lies_on_anything(opened, size, tmp_path):
     browser, _, address = opened(size)
-    # Until it is drawn: the picture grows finer, and the camera moves back once it knows how wide the picture is.
+    # Repeat until it is drawn: the picture is refined, and the camera moves back once the picture's width is known.
     for _ in range(60):
         found = orange(seen(browser, tmp_path / "page.png"))
         if len(found) > 200:

@@ -1,4 +1,4 @@
-"""Pins the clock of the page: simulated time beside the wall's, and what is said where the machine is too slow."""
+"""Pins the clock of the page: simulated time relative to wall time, and the report of a machine that is too slow."""
 
 import pytest
 
@@ -10,7 +10,7 @@ PERIOD = 1.0 / CONTROL_RATE
 
 
 class Wall:
-    """A wall's clock that is moved by hand."""
+    """A wall clock that the test sets."""
 
     def __init__(self):
         self.time = 100.0
@@ -25,7 +25,7 @@ def wall():
 
 
 def flown(clock, wall, seconds, step=PERIOD):
-    """How many periods are due while so many seconds pass in steps."""
+    """Return the number of periods that are due while some seconds pass in steps."""
     count = 0
     for _ in range(round(seconds / step)):
         wall.time += step
@@ -58,7 +58,7 @@ def test_of_a_long_delay_the_rest_is_given_up_and_counted(wall):
     wall.time += 10.0
     assert clock.due() == round(PATIENCE * CONTROL_RATE)
     assert clock.given_up == round((10.0 - PATIENCE) * CONTROL_RATE)
-    # It does not run after what is lost.
+    # Skipped periods are not made up for later.
     assert flown(clock, wall, 1.0) == pytest.approx(CONTROL_RATE, abs=1)
 
 
@@ -66,7 +66,7 @@ def test_a_machine_that_is_too_slow_is_said_to_be_late_and_its_pace_is_the_true_
     clock = Clock(wall)
     clock.set_speed(4.0)
     for _ in range(40):
-        wall.time += 0.5  # each look comes half a second after the last
+        wall.time += 0.5  # half a second between two calls
         clock.due()
     assert clock.is_late
     assert clock.pace == pytest.approx(PATIENCE * 4.0 / 0.5, rel=0.2)

@@ -1,4 +1,4 @@
-"""Pins what is committed of the page: its pictures in both windows, and its costs beside the other pages'."""
+"""Pins the committed files about the page: its pictures in both windows, and its costs beside other pages'."""
 
 import json
 import struct

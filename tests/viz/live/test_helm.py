@@ -1,4 +1,4 @@
-"""Pins the helm: how the reference goes where people want it, within its speed and acceleration, and comes home."""
+"""Pins the helm: the reference moves to the user's goal within its speed and acceleration, and returns home."""
 
 import math
 
@@ -26,7 +26,7 @@ REFERENCE = Reference(np.array([1.0, 2.0, 3.0]), YAWED, np.array([0.1, 0.0, 0.0]
 
 
 def gone(helm, ticks):
-    """Place, velocity, yaw and rate at every one of so many ticks."""
+    """Advance some ticks; return offset, velocity, yaw and rate at each."""
     rows = []
     for _ in range(ticks):
         helm.advance(helm.ticks + 1)
@@ -34,13 +34,13 @@ def gone(helm, ticks):
     return np.array(rows)
 
 
-def test_who_touches_nothing_has_the_very_reference_of_the_task():
+def test_without_inputs_the_reference_is_the_tasks_own_object():
     helm = Helm()
     helm.advance(100)
     assert helm.applied(REFERENCE) is REFERENCE
 
 
-def test_it_goes_no_faster_than_its_speed_and_gathers_it_no_faster_than_its_acceleration():
+def test_speed_and_acceleration_stay_within_their_limits():
     helm = Helm()
     rows = []
     for _ in range(40):

@@ -1,4 +1,4 @@
-"""Pins the page: every input does what it says to the session, and says what is so; on viser, where it is installed."""
+"""Pins the page: every input changes the session and shows its state; with viser too, where it is installed."""
 
 import contextlib
 import io
@@ -25,7 +25,7 @@ POLICIES = {"qp": "baselines.qp:QP", "walking": "baselines.walking:Walking"}
 
 @pytest.fixture(params=["stand-in", pytest.param("viser", marks=needs_viser)])
 def opened(request, monkeypatch):
-    """Opens pages, and closes them."""
+    """Open pages, and close them afterwards."""
     monkeypatch.chdir(ROOT)
     CLIENT.told.clear()
     made = []
@@ -53,7 +53,7 @@ def opened(request, monkeypatch):
 
 
 def ticked(page, ticks=1):
-    """Let time pass as the loop does."""
+    """Run ticks as the loop does."""
     for _ in range(ticks):
         page.settle()
         page.session.tick()
@@ -62,7 +62,7 @@ def ticked(page, ticks=1):
 def test_a_form_is_chosen_by_a_button_and_the_sliders_follow(opened):
     page, server, session = opened(options={"joint_speed": 2.0})
     use(server, "form", "③")
-    assert session.form is FORMS["form1"]  # not before the loop looks: it is in the middle of a tick
+    assert session.form is FORMS["form1"]  # inputs are applied between ticks, not at once
     ticked(page, 80)
     assert session.env.state.joint_position == pytest.approx(FORMS["form3"], abs=0.03)
     assert (find(server, "inner pitch [°]").value, find(server, "outer pitch [°]").value) == (45, 90)
@@ -112,14 +112,14 @@ def test_keys_fly_the_reference(opened, key):
     assert helm.yaw == pytest.approx(KEY_STEP * way.get("turn", 0.0), abs=1e-3)
 
 
-def test_wind_pushes_and_faults_are_what_the_inputs_say(opened):
+def test_wind_pushes_and_faults_are_set_by_the_inputs(opened):
     page, server, session = opened()
     use(server, "wind to [°]", 90.0)
     use(server, "wind [m/s]", 3.0)
     ticked(page, 2)
     assert session.env.plant.record["weather"]["mean_w"] == pytest.approx([0.0, 3.0, 0.0])
     use(server, "lost rotor", "5")
-    use(server, "it loses its", "vectoring")
+    use(server, "rotor loses", "vectoring")
     ticked(page)
     assert (session.disturbances.lost_rotor, session.disturbances.fault) == (5, "vectoring")
     use(server, "lost rotor", "none")
@@ -136,7 +136,7 @@ def test_wind_pushes_and_faults_are_what_the_inputs_say(opened):
     assert session.disturbances.push == 0.0
 
 
-def test_presets_and_policies_are_switched_and_who_chooses_its_own_preset_takes_the_switch_away(opened):
+def test_presets_and_policies_are_switched_and_a_policy_with_its_own_preset_disables_the_switch(opened):
     page, server, session = opened()
     use(server, "preset", "tuned")
     ticked(page, 5)
@@ -150,7 +150,7 @@ def test_presets_and_policies_are_switched_and_who_chooses_its_own_preset_takes_
     assert (session.policy, find(server, "preset").value, find(server, "preset").disabled) == ("", "tuned", False)
 
 
-def test_what_is_refused_is_told_and_the_inputs_say_again_what_is_so(opened):
+def test_what_is_refused_is_shown_and_the_inputs_return_to_the_present_values(opened):
     page, server, session = opened()
     use(server, "policy", "walking")
     ticked(page, 3)
@@ -159,7 +159,7 @@ def test_what_is_refused_is_told_and_the_inputs_say_again_what_is_so(opened):
     assert session.env.ticks == 3
 
 
-def test_time_pauses_goes_faster_and_begins_anew(opened):
+def test_time_pauses_changes_speed_and_episodes_restart(opened):
     page, server, session = opened(seed=4)
     use(server, "episode", "pause")
     use(server, "speed", 0.5)
@@ -229,7 +229,7 @@ def test_words_say_that_the_machine_is_late_and_why_an_episode_is_over(opened):
         wall[0] += 1.0
         clock.due()
     assert "**late: 0." in page.words()
-    assert f"{clock.given_up} periods given up" in page.words()
+    assert f"{clock.given_up} periods skipped" in page.words()
     clock.pause(True)
     assert "paused" in page.words()
     session.env.plant.data.qvel[2] = -8.0
@@ -276,10 +276,10 @@ def test_the_robot_leaves_the_middle_where_it_is_not_to_stay_there(opened):
     assert page.scenery._com.position[0] > 0.2
 
 
-def test_nothing_is_drawn_for_nobody(opened, monkeypatch):
+def test_nothing_is_drawn_without_a_client(opened, monkeypatch):
     page, server, _ = opened()
     monkeypatch.setattr(server, "get_clients", dict)
-    monkeypatch.setattr(page.scenery, "show", lambda _: pytest.fail("drawn for nobody"))
+    monkeypatch.setattr(page.scenery, "show", lambda _: pytest.fail("drawn without a client"))
     ticked(page)
     page.show(0.0)
 
@@ -313,7 +313,7 @@ def test_a_browser_that_takes_the_servers_first_camera_late_is_given_its_own_aga
     assert view.position == pytest.approx(own)
     view.position = elsewhere = np.array([1.0, 2.0, 3.0])
     calls[0](view)
-    assert view.position is elsewhere  # a person's
+    assert view.position is elsewhere  # moved by the user, so it stays
     view.aspect = 1.6
     calls[0](view)
     assert view.position == pytest.approx(first)

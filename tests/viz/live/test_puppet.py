@@ -1,4 +1,4 @@
-"""Pins the robot as meshes: its shape is MuJoCo's, arrows are as long as forces, jets blow where thrusts push from."""
+"""Pins the robot as meshes: its shape is MuJoCo's, arrows are proportional to forces, jets oppose thrusts."""
 
 import mujoco
 import numpy as np
@@ -17,7 +17,7 @@ TILTED = matrix_to_quat(exp(np.array([0.3, -0.2, 0.5])))
 
 
 def placed(form="form2", height=2.0, quat=TILTED):
-    """A configuration, and MuJoCo's data of it."""
+    """Return a configuration, and MuJoCo's model and data in it."""
     plant = Plant()
     plant.reset(np.array([0.4, -0.3, height]), quat, FORMS[form], vectoring=np.full((8, 2), 0.1))
     model = scene(visual=True, film=True)
@@ -112,7 +112,7 @@ def test_jets_leave_the_ducts_against_the_thrust(puppet):
         offset = (exits[k] - data.site_xpos[site]) @ frame
         assert abs(offset[1]) == pytest.approx(ROBOT.duct_offset_y)
         assert offset[[0, 2]] == pytest.approx([0.0, ROBOT.duct_z[0]])
-    assert lengths == pytest.approx(JET_LENGTH)  # high up
+    assert lengths == pytest.approx(JET_LENGTH)  # far above the floor
     assert len({tuple(point.round(6)) for point in exits}) == 16
 
 

@@ -1,4 +1,4 @@
-"""Pins how the page is served: on this machine's own address and no other, in the wall's time."""
+"""Pins how the page is served: by default only on this machine's own address, and in real time."""
 
 import importlib
 import os
@@ -21,7 +21,7 @@ from spidar_gym.viz.live.serve import HOST, is_loopback, keep_time, require_addr
 from spidar_gym.viz.live.session import Session
 
 LOOPBACK = "0100007F"
-"""127.0.0.1 as Linux writes it."""
+"""127.0.0.1 as in /proc/net/tcp."""
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def session():
 
 @pytest.fixture
 def standing_in(monkeypatch):
-    """viser and trimesh are stand-ins; the servers that are made."""
+    """Replace viser and trimesh by stand-ins; return the list of servers that are created."""
     made = []
 
     def make(**given):
@@ -46,7 +46,7 @@ def standing_in(monkeypatch):
 
 
 def listened_on(port):
-    """Addresses on which this process listens on a port, IPv4's and IPv6's, as Linux writes them."""
+    """Return the addresses on which this process listens on a port, IPv4 and IPv6, as in /proc/net."""
     own = set()
     for entry in Path("/proc/self/fd").iterdir():
         try:
@@ -64,8 +64,8 @@ def listened_on(port):
 
 
 @needs_viser
-@pytest.mark.skipif(not Path("/proc/net/tcp").is_file(), reason="Linux tells who listens")
-def test_by_default_nobody_elses_address_is_listened_on(session):
+@pytest.mark.skipif(not Path("/proc/net/tcp").is_file(), reason="needs /proc/net of Linux")
+def test_by_default_only_the_loopback_is_listened_on(session):
     with served(session, {}, port=0) as (_, address):
         port = int(address.rpartition(":")[2])
         assert address == f"http://127.0.0.1:{port}"
@@ -73,7 +73,7 @@ def test_by_default_nobody_elses_address_is_listened_on(session):
     assert listened_on(port) == []
 
 
-def test_the_server_is_told_to_listen_on_the_own_address_alone(session, standing_in):
+def test_the_server_receives_the_loopback_address_alone(session, standing_in):
     assert HOST == "127.0.0.1"
     assert is_loopback(HOST)
     assert not is_loopback("0.0.0.0")
@@ -84,7 +84,7 @@ def test_the_server_is_told_to_listen_on_the_own_address_alone(session, standing
     assert server.is_stopped
 
 
-def test_no_browser_can_have_a_tunnel_to_others_opened(session, standing_in):
+def test_no_browser_can_open_a_tunnel_to_others(session, standing_in):
     with served(session, {}, port=0):
         assert standing_in[0].request_share_url() is None
 
@@ -92,7 +92,7 @@ def test_no_browser_can_have_a_tunnel_to_others_opened(session, standing_in):
 @needs_viser
 def test_visers_own_request_for_a_tunnel_does_nothing(session, monkeypatch):
     viser = importlib.import_module("viser")
-    monkeypatch.setattr(viser.ViserServer, "request_share_url", lambda *_: pytest.fail("a tunnel was asked for"))
+    monkeypatch.setattr(viser.ViserServer, "request_share_url", lambda *_: pytest.fail("a tunnel was requested"))
     with served(session, {}, port=0) as (page, _):
         assert page._server.request_share_url() is None
 
@@ -115,7 +115,7 @@ def test_without_viser_one_line_says_what_to_install(monkeypatch):
     assert str(refused.value) == "viser is not available; install it with: pip install 'spidar-gym[web]'"
 
 
-def test_viser_is_imported_by_nobody_who_does_not_serve():
+def test_viser_is_imported_only_for_serving():
     code = "import spidar_gym.cli.main, sys; print([m for m in ('viser', 'trimesh', 'websockets') if m in sys.modules])"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert result.stdout.strip() == "[]"
@@ -133,7 +133,7 @@ def test_a_port_that_is_taken_is_refused_and_no_other_taken_instead(session, sta
     assert standing_in == []
 
 
-def test_an_address_of_somebody_else_is_refused():
+def test_an_address_of_another_machine_is_refused():
     with pytest.raises(SpidarError, match=r"cannot listen on 203\.0\.113\.7, port 8080: .* valid: an address of this"):
         require_address("203.0.113.7", 8080)
     with pytest.raises(InvalidValueError, match=r"host = 'no such\.host'"):

@@ -1,4 +1,4 @@
-"""Pins the session: what people change takes effect in flight, and untouched it flies what the environment flies."""
+"""Pins the session: users' inputs take effect in flight, and without inputs it equals the environment."""
 
 import subprocess
 import sys
@@ -23,7 +23,7 @@ from spidar_gym.viz.live.session import BY_HAND, ENDLESS, PATHS_END, REST, Sessi
 
 @pytest.fixture
 def begun():
-    """Makes sessions, and ends them."""
+    """Create sessions, and close them afterwards."""
     made = []
 
     def begin(*args, **options):
@@ -36,7 +36,7 @@ def begun():
 
 
 def played(session, ticks):
-    """The frames of so many ticks."""
+    """Run some ticks and return their frames."""
     frames = []
     for _ in range(ticks):
         session.tick()
@@ -49,7 +49,7 @@ def com_error(session):
 
 
 @pytest.mark.parametrize(("env_id", "kind", "length"), [(HOVER, HoverEnv, ENDLESS), (PATH, PathEnv, PATHS_END)])
-def test_a_flight_that_nobody_touches_is_the_environments(begun, env_id, kind, length):
+def test_a_flight_without_inputs_is_the_environments(begun, env_id, kind, length):
     session = begun(env_id, {"forms": "independent", "joint_speed": 0.6}, seed=4)
     env = kind(forms="independent", joint_speed=0.6, horizon_s=length)
     env.reset(seed=4)
@@ -60,7 +60,7 @@ def test_a_flight_that_nobody_touches_is_the_environments(begun, env_id, kind, l
     env.close()
 
 
-def test_a_crawl_that_nobody_touches_is_the_environments(begun):
+def test_a_crawl_without_inputs_is_the_environments(begun):
     session, env = begun(CRAWL, seed=2), CrawlEnv()
     env.reset(seed=2)
     for frame in played(session, 60):
@@ -117,7 +117,7 @@ def test_another_form_goes_before_one_that_is_not_reached_yet(begun):
     for _ in range(40):
         session.tick()
         plans.append(session.env.progress.plan()[3])
-    assert np.abs(np.diff(plans)).max() <= 1.0 / CONTROL_RATE + 1e-9  # nor does the plan that rewards go by
+    assert np.abs(np.diff(plans)).max() <= 1.0 / CONTROL_RATE + 1e-9  # the plan that rewards use does not jump either
 
 
 @pytest.mark.parametrize("name", FORMS)
@@ -127,7 +127,7 @@ def test_the_papers_forms_have_names(begun, name):
     played(session, 60)
     assert session.env.state.joint_position == pytest.approx(FORMS[name], abs=0.03)
     session.reset()
-    # The next episode begins in it.
+    # The next episode begins in the chosen form.
     assert session.env.state.joint_position == pytest.approx(FORMS[name], abs=1e-3)
 
 
@@ -225,7 +225,7 @@ def test_what_was_asked_for_at_the_beginning_happens_when_it_was_to_happen(begun
     assert frames[-1].thrust[1] < 0.1
 
 
-# Who flies.
+# Controller and policy.
 
 
 def test_another_preset_flies_from_the_beginning_of_an_episode_with_everything_else_as_it_was(begun):
@@ -251,7 +251,7 @@ def test_a_policy_flies_on_the_controller_that_it_chooses(begun, monkeypatch):
     assert (session.preset, session.preset_is_the_policys) == ("tuned", False)
 
 
-def test_who_is_refused_leaves_the_robot_in_flight_as_it_was(begun, monkeypatch):
+def test_a_refused_choice_leaves_the_robot_in_flight_as_it_was(begun, monkeypatch):
     monkeypatch.chdir(ROOT)
     session = begun()
     played(session, 20)
@@ -297,7 +297,7 @@ def test_the_preset_that_is_shown_is_the_one_that_flies(begun, env_id):
 # Episodes.
 
 
-def test_who_falls_is_looked_at_for_a_while_and_then_the_next_episode_begins(begun):
+def test_a_fallen_robot_stays_visible_for_a_while_and_then_the_next_episode_begins(begun):
     session = begun(seed=7)
     session.env.plant.data.qvel[2] = -8.0
     fallen = next(k for k in range(200) if session.tick() or session.over)
@@ -370,7 +370,7 @@ def test_what_cannot_be_is_refused_and_the_flight_goes_on(begun, wrong, words):
 
 
 @pytest.mark.parametrize("what", ["take_form", "take_named_form", "take_forms", "nudge", "home"])
-def test_nobody_flies_a_crawl(begun, what):
+def test_a_crawl_refuses_inputs_of_a_flight(begun, what):
     session = begun(CRAWL)
     given = {"take_form": (0.0, 0.0), "take_named_form": ("form1",), "take_forms": ("paper",)}.get(what, ())
     with pytest.raises(InvalidValueError, match="expected a flight"):

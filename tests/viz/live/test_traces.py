@@ -1,4 +1,4 @@
-"""Pins the curves: the values that the environments tell, in the units of their titles, over the last 20 s."""
+"""Pins the curves: values of the environments' `info`, in the units of their titles, over the last 20 s."""
 
 from itertools import pairwise
 
@@ -52,13 +52,13 @@ def test_curves_are_the_last_seconds_and_end_now():
 
 
 def test_curves_do_not_flicker_as_they_move_on():
-    """The points that are left out are always the same ones."""
+    """Thinning always leaves the same points out."""
     traces, shown = Traces(), []
     for k in range(round(30 * CONTROL_RATE)):
         traces.add(k / CONTROL_RATE, (float(k),))
         if k > 25 * CONTROL_RATE:
             shown.append(set(traces.columns(0, 1)[1].tolist()))
     for before, after in pairwise(shown):
-        # One comes, one goes, and the one of now is none of those that stay.
+        # One point is added and one removed; the newest point is always shown, whether it stays or not.
         assert len(after - before) <= 2
         assert len(before - after) <= 2
