@@ -1,8 +1,8 @@
-/* The engine under sanitizers: robots on threads of its own, over the real MuJoCo, of which no sanitizer knows anything.
+/* The engine under sanitizers: robots on this program's threads, with the uninstrumented MuJoCo library.
  *
- * `driver FILE MODEL LIBRARY`: what is simulated comes from a file that Python writes, in the order in which it is read
- * here, each part with its bytes before it. It prints a hash of all observations. BROKEN builds in a mistake, so that it
- * is known that the sanitizers see one.
+ * `driver FILE MODEL LIBRARY`: Python writes the simulated robots into FILE, in the order in which this program reads
+ * them, each part preceded by its size in bytes. The program prints a hash of all observations. BROKEN inserts a bug,
+ * to check that the sanitizers detect it.
  */
 #include <dlfcn.h>
 #include <pthread.h>
@@ -20,7 +20,7 @@
 
 enum { ROBOTS, TICKS, KIND, STRIDE, COPY_BYTES, OWN_COPIES, ACTION, OBSERVATION, INFO_BYTES, QUANTITY_BYTES, GOAL_ROOM,
        STATE, CONTACT_OFF, NUMBERS };
-enum { OF_DATA, OF_MODEL, ITSELF }; /* what a member of sp_sim is counted from */
+enum { OF_DATA, OF_MODEL, ITSELF }; /* base of the offset of a member of sp_sim */
 
 /* ---- threads ---- */
 
@@ -47,7 +47,7 @@ static void *serve(void *argument)
     }
 }
 
-static void *serve_another(void *argument) /* work in the place of the first thread */
+static void *serve_another(void *argument) /* BROKEN: use the slot of the first thread */
 {
     seat *own = argument, *first = own - 1;
     return serve(BROKEN == RACE ? first : own);
@@ -55,7 +55,7 @@ static void *serve_another(void *argument) /* work in the place of the first thr
 
 static seat seats[2];
 
-/* What mjb_apply is, of two threads. */
+/* Replace mjb_apply, with two threads. */
 static int apply(void *batch, const int32_t *ids, int n, void (*job)(const void *, void *, int, void *), void *argument,
                  int save)
 {
@@ -68,13 +68,13 @@ static int apply(void *batch, const int32_t *ids, int n, void (*job)(const void 
     return 0;
 }
 
-/* ---- what comes from Python ---- */
+/* ---- input from Python ---- */
 
 static void *part(FILE *file, int64_t *bytes)
 {
     int64_t size = 0;
     if (fread(&size, sizeof size, 1, file) != 1) abort();
-    void *data = malloc((size_t)size + (size == 0)); /* of just its size: whoever reads on is seen */
+    void *data = malloc((size_t)size + (size == 0)); /* exact size, so that reads beyond it are detected */
     if (size && fread(data, (size_t)size, 1, file) != 1) abort();
     if (bytes != NULL) *bytes = size;
     return data;
@@ -86,7 +86,7 @@ typedef struct {
 
 static void find(sp_sim *sim, const member *members, int64_t count)
 {
-    uint64_t *value = (uint64_t *)sim + 3; /* behind functions, model, data */
+    uint64_t *value = (uint64_t *)sim + 3; /* after functions, model, data */
     for (int64_t k = 0; k < count; k++) {
         const member *m = &members[k];
         char *place = (m->from == OF_DATA ? (char *)sim->data : (char *)sim->model) + m->at;
@@ -113,7 +113,7 @@ int main(int argc, char **argv)
     member *members = part(file, &member_count);
     int64_t *parts = part(file, &piece_count);
     double *actions = part(file, &bytes);
-    const int32_t *call = part(file, NULL); /* which job of which robots, as Python called them; −1 behind those of a tick */
+    const int32_t *call = part(file, NULL); /* calls of Python: job, robots; −1 after a tick */
     member_count /= (int64_t)sizeof *members;
     piece_count /= 3 * (int64_t)sizeof *parts;
     fclose(file);
@@ -163,7 +163,7 @@ int main(int argc, char **argv)
     };
     uint64_t hash = 0xcbf29ce484222325u; /* FNV-1a */
     for (int64_t tick = 0; tick <= number[TICKS]; tick++) {
-        for (; *call >= 0; call += 2 + call[1]) /* none chosen: all */
+        for (; *call >= 0; call += 2 + call[1]) /* no ids: all robots */
             jobs[number[KIND]][call[0]](&e, call[1] ? call + 2 : NULL, call[1] ? call[1] : (int)robots);
         call++;
         for (int64_t k = 0; k < 4 * seen; k++) hash = (hash ^ ((unsigned char *)e.observations)[k]) * 0x100000001b3u;

@@ -1,4 +1,4 @@
-"""Pins the installation: pip compiles the library, without a compiler of the machine with one from PyPI, bit by bit."""
+"""Pins the installation: pip compiles the library, if necessary with a compiler from PyPI, with the same results."""
 
 import os
 import subprocess
@@ -47,13 +47,13 @@ def flown(**environment):
 
 
 @pytest.mark.slow
-def test_without_a_compiler_pip_brings_one_and_the_library_gives_the_same_bits(tmp_path):
+def test_without_a_compiler_pip_installs_one_and_the_library_computes_the_same_bits(tmp_path):
     (tmp_path / "no compilers").mkdir()
     done, made = wheel(tmp_path / "out", PATH=str(tmp_path / "no compilers"), CC="")
     if any(words in done.stderr for words in NOT_THERE):
-        pytest.skip("ziglang cannot be had: no network")
+        pytest.skip("ziglang cannot be downloaded: no network")
     assert done.returncode == 0, done.stderr
-    assert made.name.split("-")[2:4] == ["py3", "none"], "for every Python, for one platform"
+    assert made.name.split("-")[2:4] == ["py3", "none"], "expected a wheel for every Python and one platform"
     assert "any" not in made.name
     with zipfile.ZipFile(made) as content:
         assert sum(name.endswith(LIBRARY) for name in content.namelist()) == 1
@@ -64,19 +64,19 @@ def test_without_a_compiler_pip_brings_one_and_the_library_gives_the_same_bits(t
 @needs_compiler
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("cc", "said"),
+    ("cc", "message"),
     [
         ("no-such-compiler", "CC = no-such-compiler is not valid; expected a C99 compiler"),
         ("false", "does not compile"),
     ],
 )
-def test_a_compiler_that_does_not_work_is_named(tmp_path, cc, said):
+def test_a_compiler_that_does_not_work_is_named(tmp_path, cc, message):
     done, made = wheel(tmp_path / "out", CC=cc)
     if any(words in done.stderr for words in NOT_THERE):
-        pytest.skip("hatchling cannot be had: no network")
+        pytest.skip("hatchling cannot be downloaded: no network")
     assert done.returncode != 0
     assert made is None
-    assert said in done.stderr + done.stdout
+    assert message in done.stderr + done.stdout
 
 
 def test_line_ends_of_a_clone_change_neither_sources_nor_their_digest(tmp_path, monkeypatch):

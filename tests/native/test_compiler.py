@@ -1,4 +1,4 @@
-"""Pins how compilers are called, and that one line says what they or the disk refused."""
+"""Pins how compilers are called, and that errors of compilers and disks are reported in one line."""
 
 import ctypes
 import os
@@ -23,18 +23,18 @@ echo "collect2: error: ld returned 1 exit status" >&2
 exit 1
 """
 DISK = 'mount -t tmpfs -o size="$1" none "$2" && shift 2 && exec "$@"'
-"""Run a command with a small disk mounted for it alone."""
+"""Shell script that runs a command with a small disk mounted for it alone."""
 EXPORT = """
 import sys
 from spidar_gym.cli.main import main
 from spidar_gym.onboard import export
-export.golden_files = lambda robot: {}  # which take half a minute
+export.golden_files = lambda robot: {}  # they take half a minute
 main(sys.argv[1:])
 """
 
 
 def small_disks():
-    """Whether this machine lets us mount a disk in a namespace of our own."""
+    """Return whether this machine can mount a disk in a new namespace."""
     if not shutil.which("unshare"):
         return False
     run = ["unshare", "-rm", "sh", "-c", DISK, "sh", "64k", "/mnt", "true"]
@@ -46,7 +46,7 @@ needs_small_disks = pytest.mark.skipif(not small_disks(), reason="no disk can be
 
 @pytest.fixture
 def cc(tmp_path, monkeypatch):
-    """Put a compiler of one's own into CC."""
+    """Return a function that writes a script and sets CC to it."""
 
     def put(script):
         path = tmp_path / "bin" / "their cc"
@@ -73,13 +73,13 @@ def test_cc_may_have_arguments(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("given", ["no-such-compiler", "no-such-compiler -O2", "'", "gcc 'half", "/"])
-def test_a_cc_that_is_no_command_is_named(monkeypatch, given):
+def test_a_cc_that_is_not_a_command_is_named(monkeypatch, given):
     monkeypatch.setenv("CC", given)
     with pytest.raises(InvalidValueError, match=r"CC = .* is not valid; expected a C99 compiler that is installed"):
         compiler()
 
 
-def test_without_a_compiler_the_message_says_what_to_install(monkeypatch, tmp_path):
+def test_without_a_compiler_the_message_states_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     for given in ("", " "):
         monkeypatch.setenv("CC", given)
@@ -87,7 +87,7 @@ def test_without_a_compiler_the_message_says_what_to_install(monkeypatch, tmp_pa
             compiler()
 
 
-def test_a_linker_without_room_is_not_called_a_missing_compiler(cc, tmp_path):
+def test_a_linker_without_disk_space_is_not_reported_as_a_missing_compiler(cc, tmp_path):
     cc(FULL_LINKER)
     with pytest.raises(SpidarError) as refusal:
         compile_library(tmp_path / "out" / "libspidar.so")
@@ -100,7 +100,7 @@ def test_a_linker_without_room_is_not_called_a_missing_compiler(cc, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("script", "said"),
+    ("script", "message"),
     [
         ("#!/bin/sh\nexit 3\n", "ended with status 3"),
         ("#!/bin/sh\nprintf 'x.c:1: error: \\377\\n' >&2\nexit 1\n", "x.c:1: error: \ufffd"),
@@ -108,17 +108,17 @@ def test_a_linker_without_room_is_not_called_a_missing_compiler(cc, tmp_path):
         ("#!/no/such/interpreter\n", "cannot be started: No such file or directory"),
     ],
 )
-def test_whatever_a_tool_does_is_one_line(cc, script, said):
+def test_any_failure_of_a_tool_is_reported_in_one_line(cc, script, message):
     cc(script)
     with pytest.raises(SpidarError) as refusal:
         run_tool(compiler(), "the core")
-    assert f"their cc: {said}; valid: " in str(refusal.value)
+    assert f"their cc: {message}; valid: " in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("room", [1000, 200_000])
-def test_files_that_may_not_grow_are_one_line_and_leave_the_old_core(tmp_path, room):
+def test_a_file_size_limit_is_reported_in_one_line_and_keeps_the_old_core(tmp_path, room):
     core = tmp_path / "libspidar.so"
     core.write_bytes(b"old")
 
@@ -143,7 +143,7 @@ def test_files_that_may_not_grow_are_one_line_and_leave_the_old_core(tmp_path, r
         ("--out", "output", "500k"),
     ],
 )
-def test_a_disk_without_room_is_one_line_and_leaves_nothing(tmp_path, words, where, size):
+def test_a_full_disk_is_reported_in_one_line_and_leaves_no_files(tmp_path, words, where, size):
     places = {name: tmp_path / name for name in ("TMPDIR", "output")}
     for place in places.values():
         place.mkdir()
@@ -159,7 +159,7 @@ def test_a_disk_without_room_is_one_line_and_leaves_nothing(tmp_path, words, whe
 
 
 @pytest.mark.parametrize("place", ["file", "file/onboard", "/proc/onboard"])
-def test_a_place_that_takes_no_folder_is_one_line(tmp_path, place):
+def test_a_place_that_cannot_hold_a_folder_is_reported_in_one_line(tmp_path, place):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(SpidarError, match=r"cannot write .*; valid: a"):
         export(tmp_path / place)

@@ -1,4 +1,4 @@
-"""Pins copies of what the library remembers: robots and controllers, each with a memory of its own."""
+"""Pins copies of robots and controllers of the library: each has its own memory."""
 
 import copy
 import pickle
@@ -38,7 +38,7 @@ MANAGERS = [Manager, CoreManager]
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("case", ODDITIES)
-def test_a_copied_plant_goes_on_bit_for_bit_whatever_happens_to_it_and_neither_moves_the_other(case, way):
+def test_a_copied_plant_continues_bit_for_bit_and_neither_affects_the_other(case, way):
     config, disturbances = ODDITIES[case]
     plant = Plant(config)
     plant.reset(np.array([0.0, 0.0, 0.37]), ASKEW, disturbances=disturbances, rng=np.random.default_rng(5))
@@ -62,14 +62,14 @@ def test_a_plant_that_was_never_reset_is_copied():
 
 
 def swaying(k: int) -> RobotState:
-    """A robot in the air that is a little somewhere else at every tick."""
+    """Return a state in the air that varies slightly from tick to tick."""
     rng = np.random.default_rng(k)
     return resting(FORMS["form1"] + rng.normal(0.0, 0.01, 16), exp(rng.normal(0.0, 0.02, 3)))
 
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("kind", FLIGHTS)
-def test_a_copied_flight_controller_goes_on_bit_for_bit(kind, way):
+def test_a_copied_flight_controller_continues_bit_for_bit(kind, way):
     controller = kind(controller_config("retuned"))
     controller.reset(swaying(0))
     for k in range(5):
@@ -86,8 +86,8 @@ def test_a_copied_flight_controller_goes_on_bit_for_bit(kind, way):
 
 
 @pytest.mark.parametrize("kind", FLIGHTS)
-def test_a_control_state_that_was_copied_with_its_controller_is_the_one_that_is_flown(kind):
-    """It may be of another reference than the tick's: then it counts, not what would be computed anew."""
+def test_a_control_state_that_was_copied_with_its_controller_is_used(kind):
+    """The given control state is used even if it was computed for another reference than the tick's."""
     commands = []
     for is_copied in (False, True):
         controller = kind(controller_config("tuned"))
@@ -99,7 +99,7 @@ def test_a_control_state_that_was_copied_with_its_controller_is_the_one_that_is_
 
 
 def crawled(controller: Any, ticks: int, begin: int = 0) -> list[Any]:
-    """A robot on the floor whose joints are where they were told to be."""
+    """Step a controller whose robot lies on the floor with its joints near the last command; return the commands."""
     commands = []
     for k in range(begin, begin + ticks):
         q = controller.memory.joint_position + np.random.default_rng(k).normal(0.0, 1e-3, 16)
@@ -110,7 +110,7 @@ def crawled(controller: Any, ticks: int, begin: int = 0) -> list[Any]:
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("order", [Move(Pose2(0.1)), Lift((0, 2), 0.2, 2.0)], ids=["move", "lift"])
 @pytest.mark.parametrize("kind", CRAWLERS)
-def test_a_copied_crawler_goes_on_bit_for_bit_whatever_it_is_doing(kind, order, way):
+def test_a_copied_crawler_continues_bit_for_bit_in_every_phase(kind, order, way):
     controller = kind()
     controller.reset(RobotState.at_rest(np.zeros(16)), [order])
     phases = set()
@@ -124,7 +124,7 @@ def test_a_copied_crawler_goes_on_bit_for_bit_whatever_it_is_doing(kind, order, 
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("kind", MANAGERS)
-def test_a_copied_manager_goes_on_bit_for_bit_and_its_pilot_tells_the_copy(kind, way):
+def test_a_copied_manager_continues_bit_for_bit_and_its_pilot_commands_the_copy(kind, way):
     manager = kind()
     floor = RobotState.at_rest(manager.lying)
     manager.reset(floor, [TakeOff(1.0), FlyTo((0.5, 0.0, 1.5))])
@@ -158,7 +158,7 @@ def test_a_closed_controller_and_one_of_another_version_are_refused(kind, monkey
         copy.deepcopy(closed)
 
 
-def test_a_copy_weighs_no_more_than_a_robot():
+def test_the_size_of_a_copy_is_limited():
     plant = Plant()
     plant.reset(np.array([0.0, 0.0, ROBOT.peg_depth]))
     assert len(pickle.dumps(plant)) < 0.2e6

@@ -1,4 +1,4 @@
-"""Pins the onboard core against the readable controller: tree, allocation, flight, crawl, estimator, environments."""
+"""Pins the onboard core to the Python controller: tree, allocation, flight, crawl, estimator, environments."""
 
 import _ctypes
 import ctypes
@@ -57,7 +57,7 @@ def test_the_tree_is_that_of_pinocchio(library, spec):
 
 
 @pytest.mark.parametrize("hard", [False, True])
-def test_allocations_are_those_of_the_readable_allocator(library, hard):
+def test_allocations_are_those_of_the_python_allocator(library, hard):
     readable, compiled = Allocator(ALLOCATIONS["paper"], AllocatorConfig(max_iter=CAP)), Allocating(library)
     errors, statuses = [], set()
     for demand in random_demands(np.random.default_rng(1), 400, hard):
@@ -72,7 +72,7 @@ def test_allocations_are_those_of_the_readable_allocator(library, hard):
 
 
 @pytest.mark.parametrize("preset", ALLOCATIONS)
-def test_within_the_spheres_both_find_the_same_or_prove_that_there_is_nothing(library, preset):
+def test_within_the_spheres_both_find_the_same_or_prove_infeasibility(library, preset):
     readable = Allocator(ALLOCATIONS[preset], AllocatorConfig(max_iter=CAP))
     compiled, projecting = Allocating(library, preset=preset), Allocating(library)  # answers are views
     rng, seen, none = np.random.default_rng(7), [], np.zeros((8, 3))
@@ -97,7 +97,7 @@ def test_an_allocation_does_not_depend_on_those_before_it(library):
 
 
 @pytest.mark.parametrize("poison", [np.nan, np.inf])
-def test_what_is_not_finite_is_answered_with_the_last_forces_and_forgotten(library, poison):
+def test_a_demand_that_is_not_finite_keeps_the_last_forces_for_one_tick(library, poison):
     compiled, previous = Allocating(library), np.full((8, 3), 5.0)
     good = random_demands(np.random.default_rng(3), 1, True)[0]
     before = compiled(good).forces_l.copy()
@@ -110,7 +110,7 @@ def test_what_is_not_finite_is_answered_with_the_last_forces_and_forgotten(libra
         np.testing.assert_array_equal(compiled(good).forces_l, before)
 
 
-def test_what_no_force_meets_is_softened_and_stays_within_its_bounds(library):
+def test_an_infeasible_demand_is_softened_and_stays_within_its_bounds(library):
     compiled = Allocating(library)
     for demand in random_demands(np.random.default_rng(4), 20, True):
         answer = compiled(replace(demand, wrench=demand.wrench * 9.0))
@@ -140,7 +140,7 @@ CRAWLS = {
 
 
 def together(name, ticks, actions=None, **options):
-    """Both controllers in an environment each, on the same actions: largest differences of what comes out."""
+    """Run both controllers on the same actions, each in its own environment; return the largest differences."""
     envs = [make(name, max_iter=CAP, control=control, **options) for control in ("python", "core")]
     first = [env.reset(seed=3)[0] for env in envs]
     worst = {"observation": float(np.abs(first[0] - first[1]).max()), "reward": 0.0, "thrust": 0.0, "vectoring": 0.0}
@@ -164,7 +164,7 @@ def together(name, ticks, actions=None, **options):
 
 
 @pytest.mark.parametrize("options", FLIGHTS.values(), ids=FLIGHTS)
-def test_a_flight_is_that_of_the_readable_controller(options):
+def test_a_flight_is_that_of_the_python_controller(options):
     worst = together(HOVER, 160, **options)
     assert worst["thrust"] < 1e-6
     assert worst["vectoring"] < 1e-6
@@ -175,7 +175,7 @@ def test_a_flight_is_that_of_the_readable_controller(options):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", CRAWLS.values(), ids=CRAWLS)
-def test_a_crawl_is_that_of_the_readable_crawler(options):
+def test_a_crawl_is_that_of_the_python_crawler(options):
     worst = together(CRAWL, 900, **{"distance": 0.15, "direction": 0.5, "turn": 0.0, **options})
     assert worst["thrust"] < 1e-6
     assert worst["vectoring"] < 1e-5
@@ -202,7 +202,7 @@ def test_residuals_on_the_ground_mean_the_same_in_both(mode):
     assert worst["observation"] < 1e-5
 
 
-def test_the_estimator_says_the_same(library):
+def test_the_estimators_agree(library):
     env, readable, state, measured = make(sensors=True), Estimator(), Struct("robot_state"), Struct("measurement")
     env.reset(seed=2)
     memory, config, out = Struct("estimator"), Struct("estimator_config"), Struct("robot_state")
@@ -262,7 +262,7 @@ def test_a_core_of_another_interface_is_refused(monkeypatch, tmp_path):
     run = [*compiler(), "-shared", "-fPIC", "old.c", "-o", "libspidar.so"]
     subprocess.run(run, cwd=tmp_path, check=True)
     seal(tmp_path / "libspidar.so")
-    assert ctypes.CDLL(str(tmp_path / "libspidar.so")).sp_interface() != 0, "it loads: what is refused is its interface"
+    assert ctypes.CDLL(str(tmp_path / "libspidar.so")).sp_interface() != 0, "it must load: its interface is refused"
     with pytest.raises(StaleAssetError, match="spidar assets"):
         CoreFlightController()
 
@@ -277,4 +277,4 @@ def test_unknown_controls_and_allocators_for_the_core_are_refused():
 
 def test_the_library_releases_the_interpreter():
     function = load_core().sp_allocate
-    assert not function._flags_ & _ctypes.FUNCFLAG_PYTHONAPI, "a PyDLL's keep other threads from running"
+    assert not function._flags_ & _ctypes.FUNCFLAG_PYTHONAPI, "functions of a PyDLL block other threads"

@@ -1,4 +1,4 @@
-"""Pins the engine's random numbers: numpy's, draw for draw and bit for bit, and every generator numpy's again."""
+"""Pins the engine's random numbers to numpy's, bit for bit, and the conversion of generators in both directions."""
 
 import ctypes
 import math
@@ -16,7 +16,7 @@ from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.library import load_core, pointer
 
 SEEDS = (0, 1, 2**31, 2**32 - 1, 2**32, 2**64 - 1, 2**64, 2**96 + 5, 2**128 - 1, 2**128, 2**160 - 1, 3**400)
-"""Words from one to twenty; numpy has no largest seed."""
+"""Seeds of one to twenty words; numpy has no largest seed."""
 MULTIPLIER = 2549297995355413924 << 64 | 4865540595714422341
 INSIDE, DISTANCE, DENSITY = ziggurat()
 
@@ -31,7 +31,7 @@ def library():
 
 
 class Stream:
-    """The engine's generator with numpy's words."""
+    """The engine's generator with numpy's interface."""
 
     def __init__(self, library, record):
         self.library, self.record, self.at = library, record, pointer(record)
@@ -59,7 +59,7 @@ def numpys(seed):
 
 
 def seeded(library, seed):
-    """The engine's generator of a whole number."""
+    """Return the engine's generator for an integer seed."""
     words = np.array([seed >> 32 * k & 0xFFFFFFFF for k in range(max(1, -(-seed.bit_length() // 32)))], np.uint32)
     record = np.zeros((), engine_layouts()["generator"])
     library.sp_seed(pointer(words), len(words), pointer(record))
@@ -121,7 +121,7 @@ WHOLE = [
     (1, 4), (0, 1), (5, 6), (0, 2**31), (0, 3 * 2**30), (-7, 2**32 - 8), (0, 2**32 - 1), (0, 2**32), (0, 2**32 + 1),
     (-(2**40), 2**41), (0, 3 * 2**61), (-(2**63), 2**63 - 1),
 ]  # fmt: skip
-"""Ranges: the paper's forms, single numbers, those of which many draws are refused, those about 2^32, the widest."""
+"""Ranges: the paper's forms, single numbers, ranges with many rejected draws, ranges around 2^32, the widest."""
 
 
 def test_whole_numbers_are_the_same_with_the_halves_that_they_leave(library):
@@ -154,7 +154,7 @@ def test_draws_of_all_kinds_in_any_order_leave_the_same_state(library):
 
 
 def grown(generator, stream, depth):
-    """Compare a tree of three children each."""
+    """Compare a tree of generators with three children each."""
     assert same_state(stream, generator)
     if depth:
         for child in generator.spawn(2):
@@ -181,16 +181,16 @@ def test_the_child_after_many_is_the_same(library):
     grown(generator.spawn(1)[0], stream.spawn(), 2)
 
 
-# A generator whose next draws are wished.
+# A generator whose next draws are given.
 
 
 def before(draw, increment):
-    """State of PCG64 before a draw: one of the 2^64 that have it next, with no turn of its bits."""
-    return (draw - increment) * pow(MULTIPLIER, -1, 2**128) % 2**128  # its upper half 0, so nothing is turned
+    """Return a state of PCG64 before a draw: one of the 2^64 that yield it next, without a rotation of its bits."""
+    return (draw - increment) * pow(MULTIPLIER, -1, 2**128) % 2**128  # the upper half is 0, so no bit is rotated
 
 
 def wished(draw, following=None):
-    """numpy's generator that draws a word of 64 bits next, and `following` of 53 bits after it."""
+    """Return numpy's generator that draws a given 64-bit word next, and the 53 bits `following` after it."""
     generator = numpys(0)
     increment = 1 if following is None else _increment(draw, following)
     state = {"state": before(draw, increment), "inc": increment}
@@ -199,8 +199,8 @@ def wished(draw, following=None):
 
 
 def _increment(draw, following):
-    """The odd increment that leads from the state `draw` to one whose word is about `following` / 2^53."""
-    for low in range(4):  # the increment has to be odd
+    """Return the odd increment that leads from the state `draw` to one whose word is about `following` / 2^53."""
+    for low in range(4):  # the increment must be odd
         increment = ((following << 11 | low) - draw * MULTIPLIER) % 2**128
         if increment % 2:
             return increment
@@ -208,7 +208,7 @@ def _increment(draw, following):
 
 
 def both(library, draw, following=None):
-    """The normal number that numpy and the engine make of it, bit for bit."""
+    """Check that numpy and the engine convert draws to the same normal number, bit for bit; return the number."""
     generator = wished(draw, following)
     stream = Stream(library, from_numpy(generator))
     words = np.random.PCG64(0)
@@ -235,7 +235,7 @@ def test_the_place_where_each_layer_ends_is_numpys(library, sign):
 
 
 def test_numpys_tables_are_these_to_the_last_bit():
-    """They are read off numpy's own draws: distances from places that are a power of two, limits from both sides."""
+    """They follow from numpy's draws: distances from places that are powers of two, limits from both sides."""
     for layer in range(LAYERS):
         places = [2**k for k in range(52) if 2**k < INSIDE[layer]]
         for place in places[-1:]:
@@ -246,7 +246,7 @@ def test_numpys_tables_are_these_to_the_last_bit():
 
 
 def draws_of(draw):
-    """How many draws a normal number takes that begins with this one."""
+    """Return how many draws a normal number consumes that starts with this draw."""
     generator = wished(draw)
     count, words = 0, wished(draw).bit_generator
     generator.standard_normal()
@@ -256,8 +256,8 @@ def draws_of(draw):
     return count
 
 
-def test_the_wedge_of_each_layer_is_taken_and_refused_alike(library):
-    """On both sides of the draw that decides, which is where the density at each layer's edge shows."""
+def test_the_wedge_of_each_layer_is_accepted_and_rejected_alike(library):
+    """Tested on both sides of the deciding draw, which depends on the density at each layer's edge."""
     kept = refused = 0
     for layer in range(1, LAYERS):
         for place in np.linspace(INSIDE[layer], PLACES - 1, 5).astype(int).tolist():
@@ -284,7 +284,7 @@ def test_the_tail_is_the_same(library):
         assert abs(both(library, drawn(0, INSIDE[0]), following)) >= EDGE
 
 
-def test_the_halves_of_a_draw_are_handed_out_one_after_the_other(library):
+def test_the_halves_of_a_draw_are_returned_one_after_the_other(library):
     generator = numpys(9)
     stream, words = Stream(library, from_numpy(generator)), numpys(9).bit_generator
     raw = [int(words.random_raw()) for _ in range(3)]
@@ -324,7 +324,7 @@ def test_the_seed_itself_is_found_again_in_a_record(library, seed):
     assert again.bit_generator.seed_seq.spawn_key == ()
 
 
-def test_what_is_drawn_from_a_record_moves_neither_the_generator_nor_another_copy(library):
+def test_draws_from_a_record_advance_neither_the_generator_nor_another_copy(library):
     generator = numpys(1)
     stream, other = Stream(library, from_numpy(generator)), Stream(library, from_numpy(generator))
     numbers = [stream.random() for _ in range(5)]
@@ -334,7 +334,7 @@ def test_what_is_drawn_from_a_record_moves_neither_the_generator_nor_another_cop
     assert to_numpy(stream.record).random() == generator.random()
 
 
-def test_an_environment_goes_on_with_the_generator_that_the_engine_has_moved(library):
+def test_an_environment_continues_with_the_generator_that_the_engine_has_advanced(library):
     envs = [gymnasium.make("spidar_gym/Hover-v0", horizon_s=1.0).unwrapped for _ in range(2)]
     for env in envs:
         env.reset(seed=11)
@@ -365,7 +365,7 @@ def test_other_generators_are_refused_in_one_line(make):
         from_numpy(make())
 
 
-def test_a_record_that_nobody_has_made_is_refused():
+def test_an_invalid_record_is_refused():
     for spoil in ("hash", "increment_low"):
         record = from_numpy(numpys(0))
         record[spoil] = 2

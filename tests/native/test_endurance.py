@@ -1,6 +1,6 @@
-"""Pins what many robots take, and that they go on: memory, creation, resets, hours of flight.
+"""Pins memory and CPU time of many robots: creation, resets, hours of flight.
 
-The figures, and twelve hours of flight: `SPIDAR_SOAK_HOURS=12 pytest -n0 -s tests/native/test_endurance.py`.
+`SPIDAR_SOAK_HOURS=12 pytest -n0 -s tests/native/test_endurance.py` prints the figures and flies twelve hours.
 """
 
 import os
@@ -19,26 +19,26 @@ ROBOTS = 256
 
 
 def memory():
-    """What this process has in memory [bytes]."""
+    """Return the resident memory of this process [bytes]."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 def numbers(info):
-    """All arrays of an `info`, those of a dictionary in it too."""
+    """Yield all arrays of an `info`, also those of nested dictionaries."""
     for value in info.values():
         yield from numbers(value) if isinstance(value, dict) else [value]
 
 
-def say(name, options, words):
-    print(f"\n{name}{' drawn' if options else ''}: {words}", end="")
+def report(name, options, words):
+    print(f"\n{name}{' randomised' if options else ''}: {words}", end="")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, DRAWN], ids=["described", "drawn"])
 @pytest.mark.parametrize("name", [HOVER, CRAWL])
 def test_a_robot_takes_a_quarter_of_a_megabyte_and_two_milliseconds(name, options):
-    NativeVectorEnv(name, 2, **options).close()  # what everybody shares
+    NativeVectorEnv(name, 2, **options).close()  # memory that all environments share
     before, start = memory(), time.perf_counter()
     env = NativeVectorEnv(name, ROBOTS, **options)
     made = time.perf_counter() - start
@@ -46,16 +46,16 @@ def test_a_robot_takes_a_quarter_of_a_megabyte_and_two_milliseconds(name, option
     for _ in range(3):
         env.step(env.action_space.sample() * 0.1)
     each = (memory() - before) / ROBOTS
-    say(name, options, f"{ROBOTS} robots in {made:.2f} s, {each / 1e3:.0f} kB each")
+    report(name, options, f"{ROBOTS} robots in {made:.2f} s, {each / 1e3:.0f} kB each")
     assert each < 250e3
-    assert made < 0.002 * ROBOTS + 0.5  # a controller, a model, a data of MuJoCo belong to all of them together
+    assert made < 0.002 * ROBOTS + 0.5  # controller, mjModel and mjData are shared by all robots
     env.close()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, DRAWN], ids=["described", "drawn"])
 @pytest.mark.parametrize("name", [HOVER, CRAWL])
-def test_resets_take_no_memory(name, options):
+def test_resets_allocate_no_memory(name, options):
     env = NativeVectorEnv(name, 50, autoreset_mode="Disabled", **options)
     env.reset(seed=0)
     times = []
@@ -66,14 +66,14 @@ def test_resets_take_no_memory(name, options):
         env.fleet.reset()
         times.append((time.process_time() - start) / 50)
         env.step(np.zeros(env.action_space.shape))
-    say(name, options, f"a reset in {1e6 * np.median(times):.0f} µs (least {1e6 * min(times):.0f})")
+    report(name, options, f"a reset in {1e6 * np.median(times):.0f} µs (least {1e6 * min(times):.0f})")
     assert memory() - before < 1e6
     env.close()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, DRAWN], ids=["described", "drawn"])
-def test_hours_of_flight_take_no_memory_and_have_no_number_that_is_none(options):
+def test_hours_of_flight_allocate_no_memory_and_yield_finite_numbers(options):
     ticks = max(200, int(HOURS / 2 * 3600 * 40 / 64))
     env = NativeVectorEnv(HOVER, 64, num_threads=2, max_episode_steps=400, **options)
     env.reset(seed=0)
@@ -89,7 +89,7 @@ def test_hours_of_flight_take_no_memory_and_have_no_number_that_is_none(options)
         for code in info["failure_code"][terminated]:
             failures[int(code)] = failures.get(int(code), 0) + 1
     grown, took = memory() - before, time.perf_counter() - start
-    say(
+    report(
         HOVER,
         options,
         f"{64 * ticks / 40 / 3600:.2f} h in {took:.0f} s, {episodes} episodes, failures {failures}, "

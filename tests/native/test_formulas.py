@@ -1,4 +1,4 @@
-"""Pins the engine's formulas, one by one, to the readable reference of each."""
+"""Pins each of the engine's formulas to its reference in Python."""
 
 import numpy as np
 import pytest

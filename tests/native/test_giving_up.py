@@ -1,4 +1,4 @@
-"""Pins what happens where MuJoCo gives up: one robot's episode ends, and nobody else notices."""
+"""Pins failures of MuJoCo: one robot's episode ends, and no other robot is affected."""
 
 import copy
 import ctypes
@@ -23,7 +23,7 @@ DIVERGED = {HOVER: list(HoverTask.failures).index("diverged"), CRAWL: list(Crawl
 
 @pytest.fixture
 def short_of_memory(monkeypatch):
-    """MuJoCo has room for the contacts of a robot in flight or on its feet, and not for those of one in the floor."""
+    """Limit MuJoCo's memory: enough for contacts in flight or on the feet, not for those of a robot in the floor."""
 
     def have(room=250_000):
         plain = engine_binding.scene
@@ -39,14 +39,14 @@ def short_of_memory(monkeypatch):
 
 
 def sink(env, robots):
-    """Put robots half into the floor."""
+    """Place robots half inside the floor."""
     plants = env.robots["plant"]
     plants["row"][robots, 3] = -0.1
     plants["clearance"][robots] = 0.0
 
 
 def content(record):
-    """Bytes of a record without those between its members."""
+    """Return the bytes of a record without padding."""
     if record.dtype.names is None:
         return record.tobytes()
     return b"".join(content(record[name]) for name in record.dtype.names)
@@ -61,7 +61,7 @@ def contents(env, robots):
     ("name", "options"),
     [(HOVER, {}), (HOVER, {"randomization": 1.0, "sensors": True}), (CRAWL, {}), (CRAWL, {"randomization": 1.0})],
 )
-def test_a_robot_that_mujoco_gives_up_has_diverged_and_moves_nobody_else(short_of_memory, name, options, threads):
+def test_a_robot_for_which_mujoco_fails_has_diverged_and_affects_no_other(short_of_memory, name, options, threads):
     short_of_memory()
     options = {**options, "autoreset_mode": AutoresetMode.DISABLED, "num_threads": threads}
     env, quiet = NativeVectorEnv(name, 6, **options), NativeVectorEnv(name, 6, **options)
@@ -85,12 +85,12 @@ def test_a_robot_that_mujoco_gives_up_has_diverged_and_moves_nobody_else(short_o
             assert not seen[2].any()
             assert not info["term"][2].any()
             assert all(np.isfinite(value[2]).all() for value in info.values() if not isinstance(value, dict))
-            for told in ("thrust", "joint_torque", "air_force", "energy_wh"):  # the last that is known
-                np.testing.assert_array_equal(info[told][2], before[told][2])
+            for key in ("thrust", "joint_torque", "air_force", "energy_wh"):  # the last valid values
+                np.testing.assert_array_equal(info[key][2], before[key][2])
             mask = np.arange(6) == 2
             env.reset(options={"reset_mask": mask})
             quiet.reset(options={"reset_mask": mask})
-            # Its next episode is the one that would have been.
+            # Its next episode is the one that it would have had without the failure.
             others = list(range(6))
     env.close()
     quiet.close()
@@ -98,7 +98,7 @@ def test_a_robot_that_mujoco_gives_up_has_diverged_and_moves_nobody_else(short_o
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 @pytest.mark.parametrize("name", [HOVER, CRAWL])
-def test_its_next_episode_begins_by_itself(short_of_memory, name, mode):
+def test_its_next_episode_begins_automatically(short_of_memory, name, mode):
     short_of_memory()
     env, other = NativeVectorEnv(name, 3, autoreset_mode=mode), NativeVectorEnv(name, 3, autoreset_mode="Disabled")
     env.reset(seed=5)
@@ -123,8 +123,8 @@ def test_its_next_episode_begins_by_itself(short_of_memory, name, mode):
     other.close()
 
 
-def test_what_mujoco_left_half_done_is_in_nobodys_way(short_of_memory):
-    """It keeps what it had taken of its memory: after some robots there would be none left for a sound one."""
+def test_an_aborted_job_of_mujoco_affects_no_other_robot(short_of_memory):
+    """MuJoCo does not free its memory after a failure; without recovery the next robots would fail, too."""
     short_of_memory()
     env, quiet = (NativeVectorEnv(HOVER, 40, autoreset_mode="Disabled") for _ in range(2))
     env.reset(seed=0)
@@ -142,13 +142,13 @@ def test_what_mujoco_left_half_done_is_in_nobodys_way(short_of_memory):
 
 
 @pytest.mark.parametrize("within_a_step", [False, True])
-def test_where_it_gives_up_a_beginning_it_says_so_in_one_line(short_of_memory, within_a_step):
+def test_a_failure_during_a_reset_is_reported_in_one_line(short_of_memory, within_a_step):
     short_of_memory()
     env = NativeVectorEnv(HOVER, 2, autoreset_mode=AutoresetMode.SAME_STEP)
     env.reset(seed=0)
     position_w = env.fleet.rules["position_w"]
     height = position_w[2]
-    position_w[2] = -3.0  # the next episodes begin in the floor
+    position_w[2] = -3.0  # the next episodes start inside the floor
     with pytest.raises(SpidarError, match=r"^MuJoCo failed for robot 0: [^\n]*stack overflow[^\n]*; valid: [^\n]*$"):
         env.step(np.zeros(env.action_space.shape)) if within_a_step else env.reset()
     position_w[2] = height
@@ -158,7 +158,7 @@ def test_where_it_gives_up_a_beginning_it_says_so_in_one_line(short_of_memory, w
 
 
 def test_a_tick_ends_where_a_robot_on_tiles_has_diverged():
-    """MuJoCo took a second to look for contacts where nothing is any more: ten times in a tick."""
+    """MuJoCo's contact detection took a second for a diverged robot, ten times in a tick."""
     env = NativeVectorEnv(CRAWL, 2, steps=0.02, autoreset_mode="Disabled")
     env.reset(seed=0)
     actions = np.zeros(env.action_space.shape)

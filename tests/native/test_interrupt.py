@@ -1,4 +1,4 @@
-"""Pins Ctrl-C: it is answered soon, a tick ends for all robots before, and the environment can be closed then."""
+"""Pins Ctrl-C: it is handled soon, after the tick has ended for all robots, and the environment can be closed."""
 
 import signal
 import subprocess
@@ -12,7 +12,7 @@ import signal, sys, time
 import numpy as np
 from spidar_gym.envs.vector import NativeVectorEnv
 
-signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever started this may have had it ignored
+signal.signal(signal.SIGINT, signal.default_int_handler)  # the parent process may have ignored it
 env = NativeVectorEnv({name!r}, {robots}, num_threads=2, **{options!r})
 env.reset(seed=0, options={{"reset_mask": np.ones({robots}, bool)}}) if {steps} else None
 actions = np.zeros(env.action_space.shape)
@@ -42,10 +42,10 @@ TILES = {"steps": 0.01, "randomization": 1.0}
         ("spidar_gym/Crawl-v0", 256, TILES, False, False, 1.0),
         ("spidar_gym/Crawl-v0", 32, {**TILES, "max_episode_steps": 1, "autoreset_mode": "SameStep"}, True, False, 5.0),
     ],
-    ids=["a step of thousands", "a reset that settles", "a step in which all begin anew"],
+    ids=["a step of thousands", "a reset that settles", "a step in which all reset"],
 )
 @pytest.mark.slow
-def test_ctrl_c_is_answered_when_the_tick_has_ended_for_all_robots(name, robots, options, steps, again, seconds):
+def test_ctrl_c_is_handled_when_the_tick_has_ended_for_all_robots(name, robots, options, steps, again, seconds):
     program = RUN.format(name=name, robots=robots, options=options, steps=steps, again=again)
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
         try:

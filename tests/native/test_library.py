@@ -1,4 +1,4 @@
-"""Pins how the compiled core is loaded and let go: never half of one, never one more than is in use."""
+"""Pins how the compiled core is loaded and released: never an incomplete one, never a second one."""
 
 import subprocess
 import sys
@@ -30,7 +30,7 @@ def make(name=HOVER, **options):
 
 
 @pytest.mark.parametrize("name", [HOVER, CRAWL])
-def test_a_closed_environment_says_so(name):
+def test_a_closed_environment_raises(name):
     env = make(name)
     env.reset(seed=0)
     for _ in range(2):
@@ -55,7 +55,7 @@ def test_half_a_library_is_refused_before_it_is_loaded(tmp_path, monkeypatch, ke
     half = tmp_path / "half.so"
     half.write_bytes(core_path().read_bytes()[:keep])
     monkeypatch.setenv("SPIDAR_CORE", str(half))
-    # In a process of its own: half a library that is loaded ends the process with a bus error.
+    # In a separate process, as loading half a library would end it with a bus error.
     done = subprocess.run([sys.executable, "-c", LOADING], check=False)
     assert done.returncode == 7
 

@@ -1,4 +1,4 @@
-"""Pins the core's manager of both gaits to the readable one: the same phases, the same commands."""
+"""Pins the core's manager of both gaits to the Python manager: the same phases, the same commands."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ COURSE = (
 )  # fmt: skip
 MISSIONS = {
     "up and down": (HOP, None, {"sense": True}),
-    "a drawn robot in wind": (HOP, None, {"sense": True, "strength": 1.0, "wind": 2.0}),
+    "a randomised robot in wind": (HOP, None, {"sense": True, "strength": 1.0, "wind": 2.0}),
     "land now": (HOP, (2.5, [Land()]), {}),
     "not now": (HOP, (0.7, []), {}),
     "stop": (HOP, (4.0, []), {}),
@@ -39,7 +39,7 @@ MISSIONS = {
 
 
 class Both:
-    """The readable manager, beside which the core's is asked the same."""
+    """The Python manager; the core's receives the same calls and is compared with it."""
 
     def __init__(self):
         self.readable, self.core = Manager(CONFIG), CoreManager(CONFIG)
@@ -80,17 +80,17 @@ def flown(commands, seconds=60.0, *, interrupt=None, **robot):
 
 
 @pytest.mark.parametrize("name", MISSIONS)
-def test_a_mission_is_that_of_the_readable_manager(name):
+def test_a_mission_is_that_of_the_python_manager(name):
     commands, interrupt, robot = MISSIONS[name]
     flown(commands, interrupt=interrupt, **robot)
 
 
 @pytest.mark.slow
-def test_a_whole_course_is_that_of_the_readable_manager():
+def test_a_whole_course_is_that_of_the_python_manager():
     assert flown(COURSE, 90.0, sense=True, strength=0.5).phase[-1] == "lie"
 
 
-def test_the_core_alone_refuses_what_cannot_follow_and_has_no_room_for_more():
+def test_the_core_refuses_invalid_sequences_and_too_many_commands():
     manager = CoreManager(CONFIG)
     manager.reset(Trip(0).state, [TakeOff()])
     with pytest.raises(InvalidValueError, match="Land first"):

@@ -1,4 +1,4 @@
-"""Pins the door to MuJoCo: what is not as it is known is refused in one line, before anything is read or written."""
+"""Pins the access to MuJoCo: an unknown layout is refused in one line, before anything is read or written."""
 
 import copy
 import ctypes
@@ -19,7 +19,7 @@ ONE_LINE = r"^MuJoCo [\w.]+ {}; valid: mujoco>=4\.0,<5 from PyPI$"
 
 @pytest.fixture(autouse=True)
 def forget():
-    """What is known of MuJoCo is asked for once in a process."""
+    """Clear what is cached about MuJoCo once per process."""
 
     def clear():
         for known in (door.check, door.offsets, door.functions, door.world):
@@ -34,8 +34,8 @@ def build():
     return Engine("plant", PlantConfig(), 2, 1, alike=True)
 
 
-def test_an_engine_goes_on_where_what_is_known_of_mujoco_is_asked_for_again(forget):
-    """It has the address of MuJoCo's functions, which nobody else may give back."""
+def test_an_engine_keeps_mujocos_addresses_when_the_caches_are_cleared(forget):
+    """Its record holds the address of the table of MuJoCo's functions, which must not be freed."""
     engine = build()
     known = weakref.ref(door.functions())
     forget()
@@ -74,7 +74,7 @@ def test_another_layout_is_refused(monkeypatch, struct, change):
 
 
 @pytest.mark.parametrize("name", [*door.FUNCTIONS, "mjb_apply", "mjb_status"])
-def test_a_function_that_is_not_there_is_named(monkeypatch, name):
+def test_a_missing_function_is_named(monkeypatch, name):
     class Other(ctypes.CDLL):
         def __getattr__(self, wanted):
             if wanted == name:
@@ -94,7 +94,7 @@ def test_another_state_is_refused(monkeypatch):
 
 
 def test_another_robot_is_refused(monkeypatch):
-    """Its C knows how many bodies there are at most, and in which order the actuators are."""
+    """The C code assumes largest numbers of bodies and geoms, and an order of the actuators."""
     for name, value in (("MAX_BODIES", 3), ("MAX_MOVING", 3), ("MAX_GEOMS", 3), ("N_DOFS", 7)):
         with monkeypatch.context() as patch:
             patch.setattr(door, name, value)

@@ -1,4 +1,4 @@
-"""Pins that a number, word or struct that Python and C share is written once, in Python: C has a name for it."""
+"""Pins that a number, word or struct that Python and C share is defined once, in Python; C uses its name."""
 
 import ast
 import re
@@ -29,13 +29,13 @@ CODE = {
 OF_ENGINE = {path.name for path in ENGINE.glob("*.c")}
 BESIDE_ENGINE = "\n".join(code for name, code in CODE.items() if not (ENGINE / name).exists())
 EVERYDAY = {0.0, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 8.0}
-"""Numbers that formulas and indices have for reasons of their own."""
+"""Common numbers of formulas and indices."""
 UNITS, NOTHING = {60.0, 1000.0, 3600.0}, 1e-5
-"""Seconds, milli, hours; what is smaller only keeps a division from zero."""
+"""Unit conversions; smaller numbers than `NOTHING` only prevent divisions by zero."""
 BY_CHANCE = {"air.c": {0.7, 1.2, 1.3}}
-"""Numbers of C that mean something else than the same ones in Python."""
+"""Numbers in C that equal unrelated ones in Python."""
 OF_TASKS = {"crawl_robot.c": {1e-3, 0.12}}
-"""Numbers of tasks that C and Python type both: the only ones."""
+"""The only numbers of tasks that are typed in both C and Python."""
 TABLE = {
     f"SP_{prefix}{name}".upper(): (place, name, getattr(place, name))
     for prefix, place, names in (*NUMBERS, *ENGINE_NUMBERS)
@@ -47,13 +47,13 @@ OF_CORE = {f"SP_{prefix}{name}".upper() for prefix, _, names in NUMBERS for name
 
 
 def numbers_of(code):
-    """Values of the numeric literals of C."""
+    """Return the values of the numeric literals of C."""
     words = re.findall(r"(?<![\w.])(?:\d+\.?\d*(?:[eE][-+]?\d+)?)(?![\w.])", code)
     return [float(word) for word in words]
 
 
 def floats_of(code):
-    """Values of those with a point or an exponent."""
+    """Return the values of the literals with a point or an exponent."""
     return [float(word) for word in re.findall(r"(?<![\w.])\d+(?:\.\d*(?:[eE][-+]?\d+)?|[eE][-+]?\d+)(?![\w.])", code)]
 
 
@@ -63,10 +63,10 @@ def uses(name):
 
 @pytest.mark.parametrize("name", [*TABLE, *(f"SP_{name}" for name in (*SIZES, *ENGINE_SIZES))])
 def test_every_generated_name_is_used_and_never_defined_by_hand(name):
-    assert uses(name), "nobody uses it, or its value is typed again in its place"
+    assert uses(name), "unused, or its value is typed instead of its name"
     assert not re.search(rf"#define {name}\b", "\n".join(CODE.values()))
     short = {name.removeprefix("SP_"), *([TABLE[name][1].upper()] if name in OF_CORE else [])}
-    assert not re.search(rf"#define (?:{'|'.join(short)})\b", BESIDE_ENGINE)  # where terms of rewards have short names
+    assert not re.search(rf"#define (?:{'|'.join(short)})\b", BESIDE_ENGINE)  # the engine has short names for rewards
 
 
 @pytest.mark.parametrize("name", [name for name, (_, _, value) in TABLE.items() if not {*np.ravel(value)} <= EVERYDAY])
@@ -124,7 +124,7 @@ def test_the_contract_types_no_topic_and_no_file_the_magic_of_a_log():
 
 
 def assigned(tree):
-    """Names that a module gives literal numbers to, with the values."""
+    """Yield the names that a module assigns literals to, with the values."""
     for node in tree.body:
         if not isinstance(node, ast.Assign):
             continue

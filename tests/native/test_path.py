@@ -1,4 +1,4 @@
-"""Pins the core's paths, and its flight along them, to the readable ones."""
+"""Pins the core's paths, and its flight along them, to those in Python."""
 
 import ctypes
 from dataclasses import replace
@@ -25,7 +25,7 @@ def library():
 
 
 def built(function, *arguments):
-    """What the core builds, and how many knots it counts."""
+    """Return the knots that the core builds, and their number."""
     knots = np.zeros(ROOM, core_layouts()["knot"])
     return knots, function(*arguments, pointer(knots), ROOM)
 
@@ -42,7 +42,7 @@ def built_legs(library, points, speed, along, yaw, begin, room=ROOM):
 def built_spline(library, points, speed, along, yaw, begin):
     knots = np.zeros(ROOM, core_layouts()["knot"])
     knots["pose_w"][: len(points), :3] = points
-    knots["rate_w"] = 7.0  # it is written over
+    knots["rate_w"] = 7.0  # must be overwritten
     library.sp_path_spline(pointer(knots), len(points), DOUBLE(speed), int(along), DOUBLE(yaw), DOUBLE(begin))
     return knots, len(points)
 
@@ -73,7 +73,7 @@ def test_the_core_builds_the_same_paths(library, seed, along):
     close(path, *built(library.sp_path_lemniscate, *numbers))
 
 
-def test_knots_beyond_the_room_are_counted_and_not_written(library):
+def test_knots_beyond_the_array_are_counted_and_not_written(library):
     points = random_points(np.random.default_rng(3))
     whole, count = built_legs(library, points, 1.0, True, 0.0, 0.0)
     for room in range(count + 2):
@@ -84,7 +84,7 @@ def test_knots_beyond_the_room_are_counted_and_not_written(library):
 
 
 @pytest.mark.parametrize("along", [False, True])
-def test_the_core_asks_the_same_at_every_time(library, along):
+def test_the_core_computes_the_same_reference_at_every_time(library, along):
     path = spline([tuple(p) for p in random_points(np.random.default_rng(5))], 0.9, along=along, begin=1.0)
     knots = np.zeros(len(path.times), core_layouts()["knot"])
     knots["time"], knots["pose_w"] = path.times, path.pose_w
@@ -120,12 +120,12 @@ def test_both_controllers_command_the_same_along_a_path(preset):
         np.testing.assert_allclose(
             compiled.last_step.wrench_desired, readable.last_step.wrench_desired, rtol=0, atol=1e-9
         )
-    # What the reference's acceleration asks for is among it.
+    # The command includes the feed-forward of the reference's acceleration.
     still = readable.step(state, replace(reference, acceleration_w=np.zeros(3)))
     assert (preset != "paper") == (np.abs(still.thrust - wanted.thrust).max() > 0.05)
 
 
-def test_from_motion_to_rest_the_core_leads_as_the_page_does(library):
+def test_from_motion_to_rest_the_core_builds_the_same_path(library):
     rng = np.random.default_rng(4)
     for _ in range(200):
         pose, end = rng.uniform(-2.0, 2.0, 4), rng.uniform(-5.0, 5.0, 4) * rng.choice([0.02, 1.0], 4)

@@ -1,4 +1,4 @@
-"""Holds the simulated robot of the library to the readable one, tick by tick, whatever happens to it."""
+"""Compares the simulated robot of the library with the Python reference, tick by tick, under all disturbances."""
 
 import copy
 from dataclasses import astuple
@@ -23,25 +23,25 @@ FLOORS = {
 
 
 def flat(values) -> np.ndarray:
-    """All numbers of a dataclass."""
+    """Return all numbers of a dataclass."""
     return np.concatenate([np.ravel(value).astype(float) for value in astuple(values)])
 
 
 def pair(config: PlantConfig) -> tuple[Plant, reference.plant.Plant]:
-    """The library's and the readable one."""
+    """Return the library's plant and the reference plant."""
     return Plant(config), reference.plant.Plant(config)
 
 
 def begun(plants, height: float, disturbances=None) -> None:
-    """Put both above the floor, askew, with a generator each of the same seed."""
+    """Reset both above the floor, askew, with generators of the same seed."""
     for plant in plants:
         rng = np.random.default_rng(5)
         plant.reset(np.array([0.0, 0.0, height]), ASKEW, FORMS["form1"], disturbances=disturbances, rng=rng)
 
 
 def assert_like(native: Plant, readable: reference.plant.Plant, tolerance: float) -> None:
-    """Everything that anybody sees of them."""
-    # 1e-9 of what a number can be: torques reach 7 Nm, powers 1 kW.
+    """Compare all outputs."""
+    # The tolerance is also relative, as torques reach 7 Nm and powers 1 kW.
     assert flat(native.state()) == pytest.approx(flat(readable.state()), rel=tolerance, abs=tolerance)
     assert native.in_contact == readable.in_contact
     for name in ("thrust_factor", "air_force", "mean_power"):
@@ -52,7 +52,7 @@ def assert_like(native: Plant, readable: reference.plant.Plant, tolerance: float
 
 
 @pytest.mark.parametrize("case", ODDITIES)
-def test_the_plant_does_what_the_readable_one_does_in_the_air_and_when_it_falls_to_the_floor(case):
+def test_the_plant_matches_the_reference_in_the_air_and_in_a_fall_to_the_floor(case):
     config, disturbances = ODDITIES[case]
     native, readable = plants = pair(config)
     begun(plants, 0.6, disturbances)
@@ -60,11 +60,11 @@ def test_the_plant_does_what_the_readable_one_does_in_the_air_and_when_it_falls_
         native.record["weather"]["next_push"] = readable.memory.weather.next_push = 0.1
     rng, touched = np.random.default_rng(7), False
     for _ in range(24):
-        told = command(rng.uniform(0, 25, 8), rng.uniform(-1, 1, 16), rng.uniform(-1, 1, (8, 2)))
-        native.step(told)
-        readable.step(told)
+        sent = command(rng.uniform(0, 25, 8), rng.uniform(-1, 1, 16), rng.uniform(-1, 1, (8, 2)))
+        native.step(sent)
+        readable.step(sent)
         touched |= native.in_contact
-        # What a contact makes of a difference in the last bit is the physics' own: a hundredfold each tick at most.
+        # Contacts amplify a difference in the last bit by up to a hundred per tick.
         assert_like(native, readable, 1e-6 if touched else 1e-9)
         if config.sense:
             a, b = flat(native.measure()), flat(readable.measure())
@@ -90,7 +90,7 @@ def test_both_touch_an_uneven_floor_in_the_same_places(name):
     assert seen == {False, True}
 
 
-def test_what_is_written_into_the_data_moves_the_robot():
+def test_values_written_into_the_data_move_the_robot():
     native, readable = plants = pair(PlantConfig())
     begun(plants, 2.0)
     for plant in plants:
@@ -101,7 +101,7 @@ def test_what_is_written_into_the_data_moves_the_robot():
     assert_like(native, readable, 1e-9)
 
 
-def test_a_drawn_robot_is_the_one_that_is_read_back():
+def test_a_randomised_robot_is_the_one_that_is_read_back():
     given = ODDITIES["everything"][0]
     plant = Plant(given)
     plant.reread()
@@ -110,12 +110,12 @@ def test_a_drawn_robot_is_the_one_that_is_read_back():
 
 
 def flat_of(value) -> list:
-    """Numbers of nested tuples, one after another."""
+    """Return the numbers of nested tuples, one after another."""
     return [x for each in value for x in flat_of(each)] if isinstance(value, tuple) else np.ravel(value).tolist()
 
 
 def hanging(disturbances=None) -> Plant:
-    """A plant without gravity and air, high up, that has a generator."""
+    """Return a plant without gravity and air, high up, with a generator."""
     plant = Plant(PlantConfig(aero=VACUUM))
     plant.model.opt.gravity[:] = 0.0
     plant.reset(HIGH, disturbances=disturbances, rng=np.random.default_rng(2))
@@ -123,14 +123,14 @@ def hanging(disturbances=None) -> Plant:
 
 
 def momentum(plant: Plant) -> np.ndarray:
-    """That of the whole robot, world [Ns]."""
+    """Return the momentum of the whole robot, world [Ns]."""
     data = copy.copy(plant.data)
     mujoco.mj_forward(plant.model, data)
     mujoco.mj_subtreeVel(plant.model, data)
     return ROBOT.total_mass * data.subtree_linvel[plant.model.body("torso").id]
 
 
-def test_wind_begins_where_it_is_told_and_ends():
+def test_wind_blows_in_the_given_direction_and_ends():
     plant = hanging()
     plant.disturb(Disturbances(wind=6.0), towards=np.pi / 2)
     for _ in range(40):
@@ -140,7 +140,7 @@ def test_wind_begins_where_it_is_told_and_ends():
     plant.disturb(Disturbances())
     drift = plant.step(command()).velocity_w
     assert not plant.record["weather"]["gust_w"].any()
-    # What blew is still air now, which a moving robot feels: it is slower a second later.
+    # The air is still now, and its drag has slowed the robot a second later.
     for _ in range(40):
         state = plant.step(command())
     assert 0.0 < state.velocity_w[1] < drift[1]
@@ -159,7 +159,7 @@ def test_pushes_begin_with_one_at_once_and_end_in_the_middle_of_one():
     assert momentum(plant) == pytest.approx(gained, abs=1e-3)
 
 
-def test_pushes_that_go_on_are_not_brought_forward():
+def test_a_change_of_pushes_keeps_the_time_of_the_next_one():
     plant = hanging(Disturbances(push=30.0))
     due = float(plant.record["weather"]["next_push"])
     plant.disturb(Disturbances(push=10.0))
@@ -175,7 +175,7 @@ def test_a_shove_gives_the_robot_its_force_times_a_fifth_of_a_second_once(distur
     for _ in range(16):
         shoved.step(command())
         left.step(command())
-    # In wind, who is faster feels another one.
+    # In wind a faster robot has another relative wind.
     assert momentum(shoved) - momentum(left) == pytest.approx([0.0, 6.0, 0.0], abs=0.1 if disturbances.wind else 1e-3)
     assert not shoved.record["weather"]["push_w"].any()
 
@@ -183,10 +183,10 @@ def test_a_shove_gives_the_robot_its_force_times_a_fifth_of_a_second_once(distur
 @pytest.mark.parametrize("fault", ["thrust", "vectoring"])
 def test_a_rotor_is_lost_at_once_and_comes_back(fault):
     plant = hanging()
-    told = command(thrust=10.0, vectoring=0.3)
+    sent = command(thrust=10.0, vectoring=0.3)
     plant.disturb(Disturbances(lost_rotor=3, fault=fault, fault_time=0.0))
     for _ in range(40):
-        state = plant.step(told)
+        state = plant.step(sent)
     others = np.arange(8) != 2
     assert state.thrust[others] == pytest.approx(10.0, rel=0.05)
     assert state.thrust[2] == pytest.approx(0.0 if fault == "thrust" else 10.0, abs=0.5)
@@ -194,10 +194,10 @@ def test_a_rotor_is_lost_at_once_and_comes_back(fault):
     assert state.vectoring[2] == pytest.approx(0.3 if fault == "thrust" else 0.0, abs=0.05)
     plant.disturb(Disturbances())
     for _ in range(40):
-        state = plant.step(told)
+        state = plant.step(sent)
     assert state.thrust == pytest.approx(10.0, rel=0.05)
     assert state.vectoring == pytest.approx(0.3, abs=0.05)
-    assert state.joint_position == pytest.approx(0.0, abs=0.02)  # nobody else's servo was held
+    assert state.joint_position == pytest.approx(0.0, abs=0.02)  # no other servo was held
 
 
 def test_wind_without_a_generator_is_refused():

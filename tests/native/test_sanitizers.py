@@ -1,4 +1,4 @@
-"""Pins the engine under sanitizers: no access outside, nothing undefined, no race, and the bits of Python's own run."""
+"""Pins the engine under sanitizers: no invalid access, no undefined behaviour, no race, the same bits as in Python."""
 
 import ctypes
 import json
@@ -23,38 +23,38 @@ DRIVER = Path(__file__).with_name("driver.c")
 SANITIZERS = {"address": "-fsanitize=address,undefined", "thread": "-fsanitize=thread"}
 CASES = {
     "flight": (HOVER, {"forms": "narrow", "joint_speed": 1.0}),
-    "drawn flight": (HOVER, {
+    "randomised flight": (HOVER, {
         "randomization": 1.0, "sensors": True, "battery": True, "disturbances": {"wind": 2.0, "push": 20.0},
     }),
     "crawl": (CRAWL, {"preset": "robust"}),
-    "drawn crawl": (CRAWL, {"randomization": 1.0, "sensors": True}),
+    "randomised crawl": (CRAWL, {"randomization": 1.0, "sensors": True}),
     "crawl on tiles": (CRAWL, {"steps": 0.01, "slope": 0.05}),
     "course by targets": (COURSE, {"sensors": True, "randomization": 1.0, "battery": True}),
     "course by the rule": (COURSE, {"action_mode": "residual", "hold": 20, "count": (1, 1), "gates": ("beam",)}),
     "course alone": (COURSE, {"action_mode": "direct", "floors": ("tiles",), "disturbances": {"wind": 2.0}}),
 }  # fmt: skip
 KINDS = (HOVER, CRAWL, COURSE)
-"""In the order of the driver's functions."""
+"""Environments in the order of the driver's functions."""
 JOBS = ("reset", "step", "show", "hold")
-"""In the order of its jobs."""
+"""Jobs in the driver's order."""
 ROBOTS, TICKS = 5, 40
 OF_DATA, OF_MODEL, ITSELF = range(3)
 RACE, OVERFLOW, UNDEFINED = range(1, 4)
 LIBRARY = "library"
-"""What is built in place of a driver: the library that Python loads."""
+"""Builds the library for Python instead of a driver."""
 STATES = {"hover": 120, "path": 60, "crawl": 80, "course": 100}
-"""Tries of changed states of each kind; `tests/adversary` makes the others, without sanitizers."""
+"""Number of changed states of each kind; `tests/adversary` tests more, without sanitizers."""
 
 
 def compile_objects(sanitizer, folder):
-    """All of the library's sources, and how the driver is compiled with them."""
+    """Compile the library's sources; return the command for the driver, and the object files."""
     flags = [SANITIZERS[sanitizer], "-fno-sanitize-recover=all", "-O1", "-g", "-ffp-contract=off"]
-    said = subprocess.run(
+    done = subprocess.run(
         [*compiler(), flags[0], "-x", "c", "-", "-o", str(folder / "none")],
         input="int main(void) { return 0; }", capture_output=True, text=True, check=False,
     )  # fmt: skip
-    if said.returncode or subprocess.run([folder / "none"], check=False).returncode:
-        pytest.skip(f"the compiler has no {sanitizer} sanitizer, or it does not run here: {said.stderr.strip()[-200:]}")
+    if done.returncode or subprocess.run([folder / "none"], check=False).returncode:
+        pytest.skip(f"the compiler has no {sanitizer} sanitizer, or it does not run here: {done.stderr.strip()[-200:]}")
     (folder / "spidar_interface.h").write_text(recipe.interface_header(recipe.library_digest()))
     command = [*compiler(), *flags, "-DSPIDAR_SHARED", "-fPIC", *recipe.includes(folder)]
 
@@ -70,7 +70,7 @@ def compile_objects(sanitizer, folder):
 
 @pytest.fixture(scope="module")
 def build(tmp_path_factory):
-    """Drivers by sanitizer and mistake."""
+    """Return a function that builds a driver by sanitizer and bug."""
     objects, drivers = {}, {}
 
     def get(sanitizer, broken=0):
@@ -95,7 +95,7 @@ def build(tmp_path_factory):
 
 
 def members():
-    """Where the members of `sp_sim` are, without the addresses of this process."""
+    """Return the members of `sp_sim` as offsets, without the addresses of this process."""
     data, model, at = member_offsets("mjData"), member_offsets("mjModel"), offsets()
     table = [
         (OF_DATA, 0, at["time"]), *((OF_DATA, 1, data[name]) for name in DATA), (OF_DATA, 0, at["ncon"]),
@@ -108,7 +108,7 @@ def members():
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """Files for the driver, and the hash that it has to print, by case."""
+    """Return a function that writes the driver's files for a case, and returns the hash that it must print."""
     done = {}
 
     def get(case):
@@ -120,7 +120,7 @@ def written(tmp_path_factory):
 
 
 class Called:
-    """The library, and which jobs of which robots Python had it do: the page says whose episodes begin anew."""
+    """Wraps the library and records the jobs that Python called; the task decides which robots reset."""
 
     def __init__(self, library):
         self.library, self.calls, self.resets = library, [], 0
@@ -186,7 +186,7 @@ def write(case, folder):
 
 
 def drive(driver, folder):
-    # The driver ends with all that it has; what MuJoCo keeps is its own business.
+    # Leaks are not checked: neither the driver nor MuJoCo frees its memory at the end.
     calm = {"ASAN_OPTIONS": "detect_leaks=0", "TSAN_OPTIONS": "halt_on_error=1", "UBSAN_OPTIONS": "print_stacktrace=1"}
     words = [driver, folder / "data", folder / "model.mjb", library()._name]
     return subprocess.run(words, env={**os.environ, **calm}, capture_output=True, text=True, check=False, timeout=250)
@@ -195,7 +195,7 @@ def drive(driver, folder):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("sanitizer", SANITIZERS)
-def test_no_sanitizer_has_anything_to_say_and_other_threads_give_the_same_bits(build, written, sanitizer, case):
+def test_no_sanitizer_reports_an_error_and_other_threads_compute_the_same_bits(build, written, sanitizer, case):
     driver, (folder, expected) = build(sanitizer), written(case)
     done = drive(driver, folder)
     assert (done.returncode, done.stderr) == (0, ""), done.stderr[:4000]
@@ -211,7 +211,7 @@ def test_no_sanitizer_has_anything_to_say_and_other_threads_give_the_same_bits(b
         ("address", UNDEFINED, "runtime error: shift exponent"),
     ],
 )
-def test_a_mistake_is_found(build, written, sanitizer, broken, words):
+def test_a_bug_is_found(build, written, sanitizer, broken, words):
     done = drive(build(sanitizer, broken), written("flight")[0])
     assert done.returncode != 0
     assert words in done.stderr
@@ -219,10 +219,10 @@ def test_a_mistake_is_found(build, written, sanitizer, broken, words):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", STATES)
-def test_no_sanitizer_has_anything_to_say_of_changed_states(build, case):
-    """In Python's own process, whose library is the one under sanitizers."""
+def test_no_sanitizer_reports_an_error_for_changed_states(build, case):
+    """Run Python with a library that was built with sanitizers."""
     library = build("address", LIBRARY)
-    # The second one too, or the first does not see what is thrown in C++.
+    # libstdc++ too, else the sanitizer does not see C++ exceptions.
     first = [
         subprocess.run([*compiler(), f"-print-file-name={name}"], capture_output=True, text=True, check=True).stdout
         for name in ("libasan.so", "libstdc++.so")
@@ -234,8 +234,8 @@ def test_no_sanitizer_has_anything_to_say_of_changed_states(build, case):
     done = subprocess.run(
         words, cwd=DRIVER.parents[1], env=env, capture_output=True, text=True, check=False, timeout=1200
     )
-    tried, _, said = done.stderr.rpartition(f"{case} ")
-    assert done.returncode == 0, (tried[-200:], said[:3000])
-    told = json.loads(done.stdout.splitlines()[-1])
-    # A sanitizer takes its time: a tick may have more than a second.
-    assert not [line for line in told["wrong"] if "more than a second" not in line]
+    tried, _, message = done.stderr.rpartition(f"{case} ")
+    assert done.returncode == 0, (tried[-200:], message[:3000])
+    report = json.loads(done.stdout.splitlines()[-1])
+    # Under a sanitizer a tick may take more than a second.
+    assert not [line for line in report["wrong"] if "more than a second" not in line]

@@ -1,4 +1,4 @@
-"""Pins threads: a robot that is drawn anew on one of them is the new one on all others."""
+"""Pins threads: a robot that one thread has randomised is the same on all others."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ CASES = [
 
 
 def visited(name, options, threads):
-    """Observations of robots of which one begins anew at every tick."""
+    """Return observations of robots of which one is reset at every tick."""
     env = NativeVectorEnv(name, 5, num_threads=threads, randomization=1.0, autoreset_mode="Disabled", **options)
     env.reset(seed=3)
     rng, seen = np.random.default_rng(1), []
@@ -25,7 +25,7 @@ def visited(name, options, threads):
 
 
 @pytest.mark.parametrize(("name", "options"), CASES)
-def test_a_robot_that_begins_anew_while_others_go_on_has_the_same_bits_on_every_thread(name, options):
+def test_a_robot_that_is_reset_while_others_continue_has_the_same_bits_on_every_thread(name, options):
     alone = visited(name, options, 1)
     for threads in (2, 3):
         np.testing.assert_array_equal(visited(name, options, threads), alone)

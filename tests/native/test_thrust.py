@@ -1,4 +1,4 @@
-"""Pins the core's allocation as a library: Python's, tick after tick, with lost rotors and what is no number."""
+"""Pins the core's allocation as a library to Python's, tick after tick, with lost rotors and NaN."""
 
 from dataclasses import replace
 
@@ -16,10 +16,10 @@ from spidar_gym.state import Reference, RobotState
 
 pytestmark = needs_compiler
 TICKS = 12
-"""Of one robot, the last of which asks for what is no number."""
+"""Number of ticks of one robot; the last one demands NaN."""
 
 
-def test_it_answers_as_python_does_tick_after_tick():
+def test_it_allocates_as_python_does_tick_after_tick():
     library = load_core()
     flight, state, wanted, settings = map(Struct, ("flight", "robot_state", "reference", "controller_config"))
     readable, room = ThrustAllocator(), Room(library)
@@ -40,16 +40,16 @@ def test_it_answers_as_python_does_tick_after_tick():
             wrench = np.array([0.0, 0.0, ROBOT.weight, 0.0, 0.0, 0.0])
             wrench += rng.normal(size=6) * np.repeat([15.0, 3.0], 3)
             wrench[3] = np.nan if tick == TICKS - 1 else wrench[3]
-            told, angles = np.zeros(8), np.zeros((8, 2))
+            found, angles = np.zeros(8), np.zeros((8, 2))
             fill(state.record, now)
             library.sp_flight_allocate(
-                flight.pointer, state.pointer, wanted.pointer, pointer(wrench), room.pointer, pointer(told),
+                flight.pointer, state.pointer, wanted.pointer, pointer(wrench), room.pointer, pointer(found),
                 pointer(angles),
             )  # fmt: skip
             thrust, vectoring, allocation = readable.allocate(now, wrench, lost_thrust=gone, lost_vectoring=stuck)
             assert read_allocation(flight.inner("allocation", "allocation"), 0.0).status is allocation.status
             statuses.add(str(allocation.status))
-            worst = max(worst, float(np.abs(told - thrust).max()), float(np.abs(angles - vectoring).max()))
+            worst = max(worst, float(np.abs(found - thrust).max()), float(np.abs(angles - vectoring).max()))
             now = replace(now, thrust=thrust, vectoring=vectoring)
     assert worst < 1e-6
     assert {"closed_form", "held"} < statuses

@@ -1,4 +1,4 @@
-"""Pins the traps of OSQP's generated code, each against the exported core: none of them reaches a rotor."""
+"""Pins that the known pitfalls of OSQP's generated code do not affect the core's commands."""
 
 import re
 from dataclasses import replace
@@ -28,13 +28,13 @@ def demands(seed, count=20):
 
 
 def within(answer):
-    """Whether forces are what rotors can do."""
+    """Return whether forces are finite and within the rotors' limits."""
     return np.isfinite(answer.forces_l).all() and np.linalg.norm(answer.forces_l, axis=1).max() <= 42.0 + 1e-9
 
 
-def test_1_the_solvers_nan_is_a_finite_number_and_no_answer_is_made_of_it(allocate, sources):
+def test_1_the_solvers_nan_is_a_finite_number_and_is_never_used(allocate, sources):
     header = sources["osqp_api_constants.h"]
-    assert re.search(r"OSQP_NAN \(\(OSQPFloat\)0x7fc00000UL\)", header), "the trap is gone: the check may go too"
+    assert re.search(r"OSQP_NAN \(\(OSQPFloat\)0x7fc00000UL\)", header), "the pitfall is gone; remove this check"
     for demand in demands(11):
         answer = allocate(replace(demand, wrench=demand.wrench * 9.0))
         assert str(answer.status) in ("softened", "held")
@@ -44,7 +44,7 @@ def test_1_the_solvers_nan_is_a_finite_number_and_no_answer_is_made_of_it(alloca
 
 @pytest.mark.parametrize("poison", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("name", ["wrench", "gravity_torque", "torque_map", "thrust_map", "lower", "phi"])
-def test_2_one_number_that_is_none_spoils_one_tick_and_no_later_one(allocate, name, poison):
+def test_2_one_number_that_is_not_finite_affects_one_tick_and_no_later_one(allocate, name, poison):
     good, previous = demands(12, 1)[0], np.full((8, 3), 5.0)
     good = replace(good, restricted=np.ones(8, bool), locked=np.ones(8, bool))
     before = allocate(good).forces_l.copy()
@@ -55,12 +55,12 @@ def test_2_one_number_that_is_none_spoils_one_tick_and_no_later_one(allocate, na
 
 
 def test_3_a_tick_is_a_pure_function_whatever_was_solved_before(allocate):
-    asked = demands(13, 60)
-    forwards = [allocate(demand).forces_l.copy() for demand in asked]
-    order = np.random.default_rng(0).permutation(len(asked))
+    given = demands(13, 60)
+    forwards = [allocate(demand).forces_l.copy() for demand in given]
+    order = np.random.default_rng(0).permutation(len(given))
     for k in order:
-        allocate(replace(asked[k], wrench=asked[k].wrench * 30.0))  # infeasible: the step size ends at its bound
-        np.testing.assert_array_equal(allocate(asked[k]).forces_l, forwards[k])
+        allocate(replace(given[k], wrench=given[k].wrench * 30.0))  # infeasible: the step size ends at its bound
+        np.testing.assert_array_equal(allocate(given[k]).forces_l, forwards[k])
 
 
 @pytest.mark.parametrize("name", ["paper", "as_flown", "rest", "leg", "legs", "stance", "projection"])
@@ -99,14 +99,14 @@ def test_5_the_step_size_adapts_by_iterations_and_the_cap_is_the_only_clock(sour
     assert not re.search(r"#\s*define OSQP_ENABLE_INTERRUPT", sources["osqp_configure.h"])
 
 
-def test_5_no_attempt_goes_on_beyond_the_cap(allocate):
+def test_5_no_attempt_continues_beyond_the_cap(allocate):
     most = [allocate(replace(demand, wrench=demand.wrench * 2.5)).iterations for demand in demands(14, 60)]
-    # Hard and softened program, two step sizes each.
+    # Hard and softened program, with two step sizes each.
     assert max(most) <= 4 * CAP
     assert max(most) > 0
 
 
-def test_6_bounds_that_cross_are_not_answered_with_the_last_program(allocate):
+def test_6_crossed_bounds_do_not_return_the_solution_of_the_last_program(allocate):
     good, other = demands(15, 2)
     previous = np.full((8, 3), 5.0)
     allocate(other)
@@ -119,7 +119,7 @@ def test_6_bounds_that_cross_are_not_answered_with_the_last_program(allocate):
     assert np.abs(given - allocate(other).forces_l).max() > 1e-3
 
 
-def test_7_every_instance_has_a_work_space_of_its_own():
+def test_7_every_instance_has_its_own_workspace():
     one, two = Allocating(load_core()), Allocating(load_core())
     a, b = demands(16, 2)
     alone = one(a).forces_l.copy(), one(b).forces_l.copy()
