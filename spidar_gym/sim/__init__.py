@@ -1,5 +1,5 @@
-"""The simulated robot: MuJoCo and everything that imitates hardware. It knows no controller."""
+"""The simulated robot: MuJoCo and models of the hardware, independent of any controller."""
 
 from spidar_gym.sim.opengl import import_mujoco
 
-import_mujoco()  # before any module of this package does
+import_mujoco()  # before any module of this package imports it

@@ -1,6 +1,6 @@
-"""What the actuators really do: gain, misalignment, lag, delay, noise, stiffness, friction, backlash, offsets.
+"""Parameters of the actuators: gain, misalignment, lag, delay, noise, stiffness, friction, backlash, offsets.
 
-Who reads it is the engine: body.c writes what MuJoCo can do by itself, plant.c does the rest.
+The engine reads them: body.c writes those that MuJoCo simulates into the model, plant.c simulates the rest.
 """
 
 from dataclasses import dataclass, field, fields
@@ -17,18 +17,18 @@ NOISE_BANDWIDTH = 10.0
 
 @dataclass(frozen=True)
 class ActuatorConfig:
-    """How far the actuators are from the robot description; the defaults are the description."""
+    """Parameters of the simulated actuators; the defaults are those of the robot description."""
 
     thrust_gain: float = 1.0
     """Thrust over commanded thrust, all modules."""
     module_gain: np.ndarray = field(default_factory=lambda: constant(1.0, N_ROTORS))
     """Thrust over commanded thrust of each module, times `thrust_gain`."""
     duct_imbalance: np.ndarray = field(default_factory=lambda: constant(0.0, N_ROTORS))
-    """(T_left − T_right) / λ of each module; it turns the module about x."""
+    """(T_left − T_right) / λ of each module; causes a torque about the module's x axis."""
     thrust_tilt: np.ndarray = field(default_factory=lambda: constant(0.0, N_ROTORS, 2))
     """Tilt of the thrust about the module's x and y axes [rad]."""
     thrust_offset: np.ndarray = field(default_factory=lambda: constant(0.0, N_ROTORS, 2))
-    """Point of attack off the module's centre, x and y [m]."""
+    """Offset of the thrust's point of attack from the module's centre, x and y [m]."""
     max_thrust: float = ROBOT.max_thrust
     """Largest thrust of a module [N]."""
     battery: bool = False
@@ -38,11 +38,11 @@ class ActuatorConfig:
     spin_down: float = 1.0
     """Time constant of a falling thrust over that of a rising one."""
     thrust_noise: float = 0.0
-    """Standard deviation of each module's thrust [N], 10 Hz wide."""
+    """Standard deviation of each module's thrust noise, with a bandwidth of 10 Hz [N]."""
     delay: float = 0.0
-    """Between a command and the actuators [s]; rounded to physics steps."""
+    """Delay between a command and the actuators, rounded to physics steps [s]."""
     vectoring_delay: float = 0.0
-    """More delay of the vectoring servos [s]; rounded to physics steps."""
+    """Additional delay of the vectoring servos, rounded to physics steps [s]."""
     joint_kp: float = ROBOT.joint_kp
     """Stiffness of the joint servos [Nm/rad]."""
     joint_kd: float = ROBOT.joint_kd
@@ -50,24 +50,24 @@ class ActuatorConfig:
     servo_stiffness: np.ndarray = field(default_factory=lambda: constant(1.0, N_JOINTS))
     """Factor on the stiffness of each joint servo."""
     joint_speed_factor: float = 1.0
-    """The servos' speed limit over the one that they are told."""
+    """Actual speed limit of the joint servos over the commanded one."""
     max_joint_torque: float = ROBOT.max_joint_torque
-    """Torque that the joint servos really reach [Nm]."""
+    """Largest torque that the joint servos reach [Nm]."""
     joint_friction: float = ROBOT.joint_friction
     """Dry friction of a joint [Nm]."""
     joint_damping: float = ROBOT.joint_damping
     """Viscous friction of a joint [Nm s/rad]."""
     backlash: float = 0.0
-    """Half of the play of a joint [rad]: so far a link moves before its servo resists."""
+    """Half of a joint's play, within which the servo exerts no torque [rad]."""
     joint_offset: np.ndarray = field(default_factory=lambda: constant(0.0, N_JOINTS))
-    """True minus indicated joint angle [rad]: an encoder whose zero is off."""
+    """True minus indicated joint angle, the zero offset of the encoder [rad]."""
     vectoring_kp: float = ROBOT.vectoring_kp
     """Stiffness of the vectoring servos [Nm/rad]."""
     vectoring_offset: np.ndarray = field(default_factory=lambda: constant(0.0, N_ROTORS, 2))
     """True minus indicated vectoring angle [rad]."""
 
     def __post_init__(self) -> None:
-        """Refuse what no actuator does."""
+        """Validate the parameters."""
         require_arrays(self)
         least = dict.fromkeys(
             ("thrust_noise", "delay", "vectoring_delay", "joint_kd", "joint_friction", "joint_damping", "backlash"), 0.0
@@ -85,7 +85,7 @@ class ActuatorConfig:
 
     @classmethod
     def of(cls, robot: RobotSpec) -> "ActuatorConfig":
-        """The actuators of a robot as described."""
+        """Return the parameters of a described robot."""
         return cls(
             max_thrust=robot.max_thrust, thrust_lag=robot.thrust_lag, joint_kp=robot.joint_kp, joint_kd=robot.joint_kd,
             max_joint_torque=robot.max_joint_torque, joint_friction=robot.joint_friction,

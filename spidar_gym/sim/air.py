@@ -1,6 +1,6 @@
-"""The air around the robot: its parameters, and the numbers of the jets; what it does is native/engine/air.c.
+"""Parameters of the air around the robot and of the jets; native/engine/air.c computes their forces.
 
-`spidar_gym.native.formulas` calls it from Python: `jet_profile`, `thrust_factor`, `evaluate_air`.
+`spidar_gym.native.formulas` calls that code from Python: `jet_profile`, `thrust_factor`, `evaluate_air`.
 """
 
 import math
@@ -10,20 +10,20 @@ from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import N_ROTORS, ROBOT
 
 AIR_DENSITY = 1.225
-"""ρ [kg/m³]."""
+"""Density ρ of the air [kg/m³]."""
 N_DUCTS = 2 * N_ROTORS
 DUCT_AREA = math.pi * ROBOT.propeller_radius**2
 """Disc area A of a duct [m²]."""
 NEAR = 0.01
-"""A jet is felt from this distance behind the exit on [m]."""
+"""Distance behind the exit from which on a jet acts [m]."""
 LEAST_THRUST = 0.02
-"""A duct with less thrust than this [N] is treated as if it had this: its jet is then below 1.2 m/s."""
+"""Least thrust of a duct in the jet model [N]; its jet is then slower than 1.2 m/s."""
 REACH, SPREAD = 0.13, 0.42
-"""Half-width [m] and its growth per metre of the cone outside of which no duct feels a jet: 1 % of it at most."""
+"""Half-width [m], and its growth per metre, of the cone outside of which a jet is neglected: 1 % of it at most."""
 LINK_STATIONS = ((0.09, 0.05), (0.26, 0.05), (0.43, 0.07))
-"""Stations along a link and the width of what stands in the wind there: rod, rod, battery [m]."""
+"""Stations along a link and the width of the part exposed to the wind there: rod, rod, battery [m]."""
 LINK_SEGMENT = 0.18
-"""Length of a link that a station stands for [m]."""
+"""Length of a link that a station represents [m]."""
 BLUFF = 1.1
 """Drag coefficient of cylinders in cross flow and of discs at these Reynolds numbers."""
 
@@ -33,7 +33,7 @@ class AeroConfig:
     """Parameters of the air; nominal values fitted to the paper's descent in form ③, ranges in `randomize`."""
 
     wake: bool = True
-    """Whether there is air while there is no wind: jets, drag, inflow by the robot's motion, ground effect."""
+    """Whether air is simulated without wind: jets, drag, inflow by the robot's motion, ground effect."""
     zero_thrust_speed: float = 2.6
     """χ: axial inflow at which a duct's thrust vanishes, in units of its own jet speed [Leishman]."""
     core_length: float = 4.0
@@ -44,7 +44,7 @@ class AeroConfig:
     """a in T ← T (1 + a (R / 4h)²): 1 is Cheeseman and Bennett's open rotor; ducts have either sign."""
 
     def __post_init__(self) -> None:
-        """Refuse what is not a jet."""
+        """Validate the parameters."""
         for name, least in (("zero_thrust_speed", 1.0), ("core_length", 0.0)):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > least):

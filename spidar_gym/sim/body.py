@@ -1,4 +1,4 @@
-"""What the body and the ground really are: masses, centres of mass, inertia and friction off the description."""
+"""Parameters of the body: masses, centres of mass, inertias and friction."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -15,7 +15,7 @@ from spidar_gym.robot.ranges import FACTORS, MASSES, PLACES
 
 @dataclass(frozen=True)
 class BodyConfig:
-    """How far body and ground are from the robot description; the defaults are the description."""
+    """Parameters of the simulated body; the defaults are those of the robot description."""
 
     total_mass: float = ROBOT.total_mass
     """Mass of the whole robot [kg]; all masses and inertias are scaled to it, after the factors below."""
@@ -28,23 +28,23 @@ class BodyConfig:
     inertia: np.ndarray = field(default_factory=lambda: constant(1.0, N_LINKS))
     """Factor on the inertia of each link about its own centre of mass."""
     payload_mass: float = 0.0
-    """Mass of what the torso carries beyond all this, a point [kg]."""
+    """Point mass that the torso carries, in addition to `total_mass` [kg]."""
     payload_position: np.ndarray = field(default_factory=lambda: constant(0.0, 3))
-    """Where it is, torso axes [m]."""
+    """Position of the payload, torso axes [m]."""
     foot_friction: float = ROBOT.foot_friction
     """Sliding friction of the feet."""
     peg_friction: float = ROBOT.peg_friction
     """Sliding friction of pegs, ducts and torso."""
 
     def __post_init__(self) -> None:
-        """Refuse what has no mass, and what is not simulated well."""
+        """Validate the parameters."""
         require_arrays(self)
         for name in ("total_mass", "link_mass", "inertia", "foot_friction", "peg_friction"):
             value = np.asarray(getattr(self, name), float)
             if not (value > 0.0).all():
                 raise InvalidValueError(name, getattr(self, name), "numbers above 0")
         if not self.payload_mass >= 0.0:
-            raise InvalidValueError("payload_mass", self.payload_mass, "a number from 0 on, in kg")
+            raise InvalidValueError("payload_mass", self.payload_mass, "a number of at least 0 kg")
         MASSES.require("total_mass", self.total_mass)
         if self.payload_mass:
             MASSES.require("payload_mass", self.payload_mass)
@@ -56,5 +56,5 @@ class BodyConfig:
 
     @classmethod
     def of(cls, robot: RobotSpec) -> "BodyConfig":
-        """A robot as described."""
+        """Return the parameters of a described robot."""
         return cls(total_mass=robot.total_mass, foot_friction=robot.foot_friction, peg_friction=robot.peg_friction)

@@ -1,4 +1,4 @@
-"""What can be chosen about the simulated robot: one configuration of five parts, all of them nominal by default."""
+"""Configuration of the simulated robot in five parts, all nominal by default."""
 
 from dataclasses import dataclass, field, fields
 
@@ -13,18 +13,18 @@ from spidar_gym.sim.sensors import SensorConfig
 
 @dataclass(frozen=True)
 class PlantConfig:
-    """What can be chosen about the simulated robot."""
+    """Configuration of the simulated robot."""
 
     substeps: int = 10
-    """Physics steps a control period: 10 × 2.5 ms = 25 ms, 40 Hz."""
+    """Physics steps per control period: 10 × 2.5 ms = 25 ms, 40 Hz."""
     joint_speed: float = ROBOT.joint_speed
-    """The joint servos' setpoints move no faster than this [rad/s]: the one joint speed limit there is."""
+    """Largest speed of the joint servos' setpoints, the only limit of joint speeds [rad/s]."""
     idle_thrust: float = 0.0
     """Least commanded thrust of a module [N]; `ROBOT.idle_thrust` for armed motors."""
     sense: bool = False
-    """Whether `Plant.measure` gives what the real sensors say."""
+    """Whether sensors are simulated, for `Plant.measure`."""
     body: BodyConfig = field(default_factory=BodyConfig)
-    """Masses and friction."""
+    """Masses, inertias and friction."""
     actuators: ActuatorConfig = field(default_factory=ActuatorConfig)
     """Rotors and servos."""
     aero: AeroConfig = field(default_factory=AeroConfig)
@@ -34,17 +34,17 @@ class PlantConfig:
     ground: GroundConfig = field(default_factory=GroundConfig)
     """The floor."""
     robot: RobotSpec = ROBOT
-    """Which robot it is; the numbers above are how far it is from that; `PlantConfig.of` begins with none."""
+    """The described robot; the parts above may deviate from it, and `PlantConfig.of` returns none that do."""
 
     @classmethod
     def of(cls, robot: RobotSpec) -> "PlantConfig":
-        """A robot as described."""
+        """Return the configuration of a described robot."""
         return cls(
             joint_speed=robot.joint_speed, body=BodyConfig.of(robot), actuators=ActuatorConfig.of(robot), robot=robot
         )
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be simulated."""
+        """Validate the configuration."""
         require_least(1, substeps=self.substeps)
         require_flag(sense=self.sense)
         for f in fields(self):

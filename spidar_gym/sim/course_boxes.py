@@ -1,4 +1,4 @@
-"""What a course is made of in the simulation: boxes from side to side of the field."""
+"""The boxes that represent a course in the simulation."""
 
 import math
 
@@ -7,19 +7,19 @@ from spidar_gym.control.course.gates import CEILING, HALF_WIDTH, ROW, TILE_COLUM
 Box = tuple[float, float, float, float, float, float, float]
 """Centre, half of length, width and height [m], pitch [rad]: a row of `GroundConfig.boxes`."""
 THICK = 0.3
-"""Half of the thickness of the slab whose top a slope is [m]."""
+"""Half the thickness of the slab that forms a slope [m]."""
 SILL, BEHIND = 0.05, 0.5
-"""Half height of what marks the field's end, and how far behind it that lies [m]."""
+"""Half the height of the sill that marks the end of the field, and its distance behind the end [m]."""
 
 
 def boxes(course: Course) -> list[Box]:
-    """The boxes of a course; the last marks the field's end, and is there on every one."""
+    """Return the boxes of a course; the last one is the sill behind the end of the field."""
     found = [box for gate in course.gates for box in parts(gate, course.tiles)]
     return [*found, (course.end + BEHIND, 0.0, SILL, SILL, HALF_WIDTH, SILL, 0.0)]
 
 
 def parts(gate: Gate, tiles: tuple[float, ...]) -> list[Box]:
-    """The boxes of a gate, whose tiles are as high as these [m]."""
+    """Return the boxes of a gate; `tiles` are the heights of its tiles [m]."""
     size = gate.size
     if gate.kind == "beam":
         return [_box(gate, -HALF_WIDTH, HALF_WIDTH, size, CEILING)]

@@ -1,4 +1,4 @@
-"""What happens to the robot from outside: wind, pushes, a rotor that fails; native/engine/weather.c lets it happen."""
+"""Disturbances: wind, pushes, a failing rotor; native/engine/weather.c simulates them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -11,17 +11,17 @@ from spidar_gym.errors import InvalidValueError, is_finite, require_keys, requir
 from spidar_gym.robot import N_ROTORS
 
 FAULTS = ("thrust", "vectoring")
-"""What a lost rotor loses: its thrust, or the motion of its vectoring servos."""
+"""Faults of a rotor: loss of its thrust, or of the motion of its vectoring servos."""
 LENGTH = np.array([23.0, 23.0, 3.05])
 """Turbulence lengths u, v, w at 10 ft and below [m] [MIL-F-8785C]."""
 INTENSITY = np.array([0.196, 0.196, 0.1])
-"""Standard deviation of the turbulence over the wind speed there [MIL-F-8785C]."""
+"""Standard deviation of the turbulence over the wind speed at that height [MIL-F-8785C]."""
 MOST = {"wind": (200.0, "m/s"), "push": (1e4, "N"), "fault_time": (1e9, "s")}
-"""No more than this: what is left of the robot would be no simulation."""
+"""Upper limits of each disturbance."""
 PUSH_SECONDS = 0.2
-"""Length of a push [s]."""
+"""Duration of a push [s]."""
 PUSH_EVERY = (5.0, 15.0)
-"""Seconds between two pushes, drawn evenly."""
+"""Range of the uniformly distributed time between two pushes [s]."""
 
 
 @dataclass(frozen=True)
@@ -29,18 +29,18 @@ class Disturbances:
     """Disturbances of an episode; all off by default."""
 
     wind: float = 0.0
-    """Mean wind [m/s], from a direction drawn at reset, with first-order Dryden turbulence of that strength."""
+    """Mean wind speed [m/s], with first-order Dryden turbulence in proportion; its direction is sampled at reset."""
     push: float = 0.0
-    """Force of pushes on the torso [N], 0.2 s long, every 5 … 15 s, from a direction drawn each time."""
+    """Force of pushes on the torso [N], 0.2 s long, every 5 … 15 s, in a direction sampled for each push."""
     lost_rotor: int = 0
-    """Module that fails, 1 … 8; 0 for none. The controller is told."""
+    """Module that fails, 1 … 8; 0 for none. The fault is reported to the controller."""
     fault: str = "thrust"
-    """`thrust`: the module no longer thrusts; `vectoring`: its φ and θ stay where they are."""
+    """`thrust`: the module loses its thrust; `vectoring`: its φ and θ are stuck."""
     fault_time: float = 2.0
-    """When it fails [s]."""
+    """Time of the failure [s]."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot happen."""
+        """Validate the disturbances."""
         for name, (most, unit) in MOST.items():
             value = getattr(self, name)
             if not (is_finite(value) and 0.0 <= value <= most):
@@ -52,12 +52,12 @@ class Disturbances:
 
     @property
     def has_weather(self) -> bool:
-        """Whether there is wind, or pushes."""
+        """Whether there are wind or pushes."""
         return self.wind > 0.0 or self.push > 0.0
 
     @classmethod
     def parse(cls, values: "Mapping[str, Any] | Disturbances | None") -> "Disturbances":
-        """From a dictionary, as `gym.make` and `reset` take it (`UnknownNameError` lists the valid names)."""
+        """Read disturbances from the dictionary of `gym.make` or `reset` (`UnknownNameError` lists the valid names)."""
         if isinstance(values, Disturbances):
             return values
         given = {} if values is None else values

@@ -1,7 +1,7 @@
-"""The floor, flat, sloped or of uneven tiles, boxes on it, and what touches them: contacts, slip, clearance of ducts.
+"""The floor: flat, sloped or of uneven tiles, boxes on it, and the contacts, slip and duct clearance of a robot.
 
-Who looks is native/engine/floor.c. What is measured there is for rewards, metrics and tests: no controller sees it,
-because the robot has no touch sensor.
+native/engine/floor.c determines the contacts. They are for rewards, metrics and tests only: controllers do not receive
+them, because the robot has no touch sensors.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -20,28 +20,28 @@ from spidar_gym.errors import InvalidValueError, require_array, require_arrays
 from spidar_gym.so3 import exp, matrix_to_quat
 
 TILES = 16
-"""The uneven floor has this many tiles a side."""
+"""Number of tiles per side of the uneven floor."""
 TILE = 0.25
 """Edge of a tile [m]; the uneven floor is a square of 4 m round the origin."""
 TILE_DEPTH = 0.05
 """Half the thickness of a tile [m]."""
 TERRAINS = ("tiles", "stairs", "mixed")
-"""What a floor with steps may be."""
+"""Kinds of floors with steps."""
 STAIR_ROW, STAIR_ROWS, STAIRS = 10, 3, 2
-"""The first stair begins with this row of tiles, 0.5 m ahead of the origin, each is so many rows deep, the last one to
-the end; how many there are."""
+"""First row of tiles of the first stair, 0.5 m ahead of the origin; rows per stair, with the last stair up to the end
+of the floor; number of stairs."""
 HIGHEST = 0.2
-"""No tile is higher [m]."""
+"""Largest height of a tile [m]."""
 BOXES = 64
-"""Boxes that there is room for."""
+"""Largest number of boxes."""
 FARTHEST = 100.0
-"""No box stands, or reaches, farther than this [m]."""
+"""Limit of the boxes' coordinates and half sizes [m]."""
 MAX_SLOPE = 0.6
-"""Steepest slope [rad]: beyond it nothing with the robot's friction stays where it is."""
+"""Steepest slope, beyond which the robot's friction cannot hold it [rad]."""
 
 
 NOWHERE = (0.0, 0.0, -50.0, 0.01, 0.01, 0.01)
-"""Where a box that is none lies, and its half sizes [m]."""
+"""Position and half sizes of an unused box [m]."""
 
 
 @dataclass(frozen=True)
@@ -49,17 +49,17 @@ class GroundConfig:
     """The floor under the robot."""
 
     slope: float = 0.0
-    """Angle to the horizontal [rad]; the floor turns about the origin."""
+    """Angle to the horizontal, by rotation about the origin [rad]."""
     heading: float = 0.0
-    """Direction in which it rises [rad]."""
+    """Direction in which the floor rises [rad]."""
     tiles: np.ndarray = field(default_factory=lambda: constant(0.0, TILES, TILES))
     """Height of each tile over the plane [m]; all zero is a plane without tiles."""
     boxes: np.ndarray = field(default_factory=lambda: constant(0.0, BOXES, 7))
-    """Boxes in the world: centre, half of length, width and height [m], how far the front is pitched down [rad]; one of
-    no size is none."""
+    """Boxes in the world: centre, half of length, width and height [m], downward pitch of the front [rad]; boxes of
+    zero size are unused."""
 
     def __post_init__(self) -> None:
-        """Refuse walls and holes."""
+        """Validate the floor."""
         require_arrays(self)
         if abs(self.slope) > MAX_SLOPE:
             raise InvalidValueError("slope", self.slope, f"an angle within ± {MAX_SLOPE:g} rad")
@@ -91,7 +91,7 @@ class GroundConfig:
         return exp(self.slope * np.array([math.sin(self.heading), -math.cos(self.heading), 0.0]))
 
     def apply(self, model: mujoco.MjModel) -> None:
-        """Lay the floor in a model of `scene(…, uneven=self.uneven)`."""
+        """Write the floor into a model of `scene(…, uneven=self.uneven, boxed=self.boxed)`."""
         R = self.R_wf
         quat = matrix_to_quat(R)
         floor = model.geom("floor").id
@@ -103,7 +103,7 @@ class GroundConfig:
                     model.geom_pos[tile] = R @ (x, y, self.tiles[i, j] - TILE_DEPTH)
                     model.geom_quat[tile] = quat
                     model.geom_sameframe[tile] = 0
-            # The bounding volumes of the tiles were made where they lay before.
+            # MuJoCo's bounding volumes of the tiles are those of their previous positions.
             model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
         if self.boxed:
             for k, (*centre, a, b, c, pitch) in enumerate(self.boxes.tolist()):
@@ -117,11 +117,11 @@ class GroundConfig:
             model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
         model.geom_pos[floor] = R @ (0.0, 0.0, -TILE_DEPTH if self.uneven else 0.0)
         model.geom_quat[floor] = quat
-        # Otherwise MuJoCo would take the floor's frame for the world's.
+        # Otherwise MuJoCo would use the world's frame for the floor.
         model.geom_sameframe[floor] = 0
 
     def height(self, points_f: np.ndarray) -> np.ndarray:
-        """Height of the floor under points (n, 3), floor axes [m]."""
+        """Return the height of the floor under points (n, 3), floor axes [m]."""
         if not self.uneven:
             return np.zeros(len(points_f))
         cell = np.floor(points_f[:, :2] / TILE).astype(int) + TILES // 2
@@ -131,7 +131,7 @@ class GroundConfig:
 
 
 def with_boxes(ground: GroundConfig, boxes: Sequence[Sequence[float]]) -> GroundConfig:
-    """The same floor with boxes on it: x, y, z, half length, half width, half height [m], pitch [rad] each."""
+    """Return the floor with boxes on it, each x, y, z, half length, half width, half height [m], pitch [rad]."""
     if len(boxes) > BOXES:
         raise InvalidValueError("boxes", len(boxes), f"at most {BOXES}")
     rows = np.zeros((BOXES, 7))
@@ -141,7 +141,7 @@ def with_boxes(ground: GroundConfig, boxes: Sequence[Sequence[float]]) -> Ground
 
 
 def with_blocks(ground: GroundConfig, blocks: tuple[tuple[float, float, float], ...], height: float) -> GroundConfig:
-    """The same floor with the tiles raised to `height` [m] whose centres lie within r of (x, y), each (x, y, r) [m]."""
+    """Return the floor with tiles raised to `height` [m] if their centres are within r of (x, y) of a block [m]."""
     centres = (np.arange(TILES) + 0.5 - TILES / 2) * TILE
     tiles = ground.tiles.copy()
     for x, y, r in blocks:
@@ -150,8 +150,8 @@ def with_blocks(ground: GroundConfig, blocks: tuple[tuple[float, float, float], 
 
 
 def require_blocks(name: str, blocks: object) -> tuple[tuple[float, ...], ...]:
-    """Blocks of `with_blocks` as tuples of numbers (`InvalidValueError` for what is none)."""
-    expected = "some (x, y, radius) in metres, within ± 100 m, radius within 0 … 2"
+    """Return the blocks of `with_blocks` as tuples of numbers (`InvalidValueError` for other values)."""
+    expected = "a list of (x, y, radius) in metres, within ± 100 m, radius within 0 … 2"
     found = require_array(name, blocks, expected)
     if found.shape == (0,):
         return ()
@@ -164,14 +164,14 @@ def require_blocks(name: str, blocks: object) -> tuple[tuple[float, ...], ...]:
 
 
 def uneven(ground: GroundConfig, rng: np.random.Generator, steps: float, terrain: str = "tiles") -> GroundConfig:
-    """The same slope with steps.
+    """Return a slope with steps on it.
 
     Args:
         ground: The slope.
-        rng: Generator of what is drawn.
+        rng: Random generator.
         steps: Height of the steps [m].
-        terrain: `tiles` of heights that are even between 0 and `steps`, `stairs` across the way ahead, each `steps`
-            higher than the one before, or `mixed`, one as often as the other.
+        terrain: `tiles` of heights uniform in 0 … `steps`, `stairs` ahead, each `steps` higher than the one before, or
+            `mixed`, both equally often.
     """
     if terrain == "mixed":
         terrain = "stairs" if rng.random() < 0.5 else "tiles"
@@ -183,14 +183,14 @@ def uneven(ground: GroundConfig, rng: np.random.Generator, steps: float, terrain
 
 @dataclass(frozen=True, slots=True)
 class Touch:
-    """What touches the floor at one instant."""
+    """Contacts with the floor at one instant."""
 
     feet: np.ndarray
-    """(4,) whether each foot does."""
+    """Whether each foot touches the floor (4,)."""
     pegs: np.ndarray
-    """(8,) whether each peg does, those of the torso first."""
+    """Whether each peg touches the floor, those of the torso first (8,)."""
     ducts: bool
-    """Whether a duct does."""
+    """Whether a duct touches the floor."""
     foot_slip: np.ndarray
     """Speed of each foot's touching point along the floor, 0 in the air (4,) [m/s]."""
     peg_slip: np.ndarray
@@ -198,4 +198,4 @@ class Touch:
     duct_clearance: float
     """Height of the lowest duct over the floor below its centre [m]."""
     hit: float = 0.0
-    """Largest force since the last command on anything but feet and pegs, where there are boxes [N]."""
+    """Largest force since the last command on parts other than feet and pegs, on a floor with boxes [N]."""

@@ -1,4 +1,4 @@
-"""OpenGL only where something is drawn: MuJoCo is imported without it where MUJOCO_GL names no library that is here."""
+"""Optional OpenGL: MuJoCo is imported without it if MUJOCO_GL names a library that is not installed."""
 
 import importlib
 import os
@@ -10,7 +10,7 @@ from spidar_gym.errors import MissingDependencyError
 
 INSTALL_GL = "apt-get install libegl1 libgl1 (then MUJOCO_GL=egl), or libosmesa6 (then MUJOCO_GL=osmesa)"
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
-"""Variables that name a screen; an empty one names none."""
+"""Environment variables that name a display; an empty one names none."""
 _OPEN_WINDOW = """
 import glfw
 opened = glfw.init()
@@ -19,13 +19,13 @@ if opened:
     opened = glfw.create_window(16, 16, "", None, None)
 raise SystemExit(0 if opened else 1)
 """
-"""GLFW ends its process, or leaves it without OpenGL, where it opens no window, so another process tries."""
+"""Test program for a separate process: if GLFW cannot open a window, it may end its process or break OpenGL there."""
 _PATIENCE = 20.0
-"""A screen that has not answered for so long shows nothing [s]."""
+"""Time after which a display that has not responded counts as missing [s]."""
 
 
 def import_mujoco() -> None:
-    """Import MuJoCo, which binds the library that MUJOCO_GL names and fails where that is none, or is missing."""
+    """Import MuJoCo, without OpenGL if the library that MUJOCO_GL names is invalid or missing."""
     try:
         importlib.import_module("mujoco")
     except Exception:  # every binding fails in its own way
@@ -40,13 +40,13 @@ def import_mujoco() -> None:
 
 
 def require_opengl() -> None:
-    """Refuse to draw where MuJoCo was imported without OpenGL."""
+    """Raise `MissingDependencyError` if MuJoCo was imported without OpenGL."""
     if not hasattr(importlib.import_module("mujoco.rendering.classic.gl_context"), "GLContext"):
         raise no_opengl()
 
 
 def no_opengl() -> MissingDependencyError:
-    """What to raise where nothing can be drawn; names MUJOCO_GL where it is set."""
+    """Return the error for missing OpenGL, with the value of MUJOCO_GL if it is set."""
     named = os.environ.get("MUJOCO_GL")
     given = (
         f"OpenGL by MUJOCO_GL={named!r} (valid: egl, osmesa, or glfw on a display)" if named else "an OpenGL library"
@@ -55,14 +55,14 @@ def no_opengl() -> MissingDependencyError:
 
 
 def has_display() -> bool:
-    """Whether there is a screen on which a window can be opened; the first question takes 0.3 s where one is named."""
+    """Return whether a window can be opened; the first call takes 0.3 s if a display is named."""
     named = tuple(os.environ.get(name, "") for name in SCREENS)
     return sys.platform != "linux" or (any(named) and _opens_window(named))
 
 
 @cache
 def _opens_window(screens: tuple[str, ...]) -> bool:
-    """Whether GLFW opens a window where `SCREENS` say so."""
+    """Return whether GLFW opens a window on the display that `SCREENS` name."""
     named = {name: screen for name, screen in zip(SCREENS, screens, strict=True) if screen}
     others = {name: value for name, value in os.environ.items() if name not in SCREENS}
     try:

@@ -1,6 +1,6 @@
-"""Domain randomisation: one table of what varies, how, by how much and on whose word.
+"""Domain randomisation: a table of the varied parameters with operation, range and source.
 
-The controller keeps the nominal numbers: the mismatch is the experiment.
+The controller keeps the nominal parameters; the mismatch is intended.
 """
 
 import math
@@ -19,31 +19,31 @@ from spidar_gym.sim.config import PlantConfig
 
 @dataclass(frozen=True)
 class Row:
-    """One thing that varies."""
+    """A randomised parameter."""
 
     field: str
-    """Where in `PlantConfig`."""
+    """Field of `PlantConfig`, `part.name`."""
     operation: str
-    """`set`: the draw replaces the nominal value; `scale`: it multiplies it; `add`: it is added."""
+    """`set`: the sample replaces the nominal value; `scale`: it multiplies it; `add`: it is added."""
     low: float
     """Least value at strength 1."""
     high: float
-    """Largest value at strength 1; draws are even between the two."""
+    """Largest value at strength 1; samples are uniform between both."""
     unit: str
-    """Unit of the draw."""
+    """Unit of the sample."""
     source: str
-    """Whose range it is."""
+    """Source of the range."""
     shape: tuple[int, ...] = ()
-    """Shape of the independent draws; () is one number for all."""
+    """Shape of the independent samples; () is one number for all."""
 
     @property
     def distribution(self) -> str:
-        """In words."""
+        """Distribution in words."""
         return f"U({self.low:.4g}, {self.high:.4g})" + (f" × {math.prod(self.shape)}" if self.shape else "")
 
 
 MOST_BYTES = 2**16
-"""No file of ranges is larger."""
+"""Largest size of a file of ranges [bytes]."""
 CRAWL = "estimate, crawl study"
 PHYSICS = "estimate, flight study"
 TABLE: tuple[Row, ...] = (
@@ -86,11 +86,11 @@ TABLE: tuple[Row, ...] = (
     Row("sensors.latency", "set", 0.005, 0.030, "s", PHYSICS),
     Row("sensors.factor", "set", 0.5, 1.5, "1", "estimate"),
 )
-"""Everything that varies, for flight and ground, of the nominal robot; nominal is the default of the field."""
+"""Randomised parameters of the nominal robot, for flight and ground; nominal values are the fields' defaults."""
 
 
 def table_of(robot: RobotSpec) -> tuple[Row, ...]:
-    """The table for a robot: ranges of its own numbers are as wide, seen from them, as from the nominal robot's."""
+    """Return the table for a robot: ranges of its own parameters are scaled in proportion to the nominal robot's."""
     return tuple(_of(row, robot) for row in TABLE)
 
 
@@ -104,25 +104,25 @@ def _of(row: Row, robot: RobotSpec) -> Row:
 
 @dataclass(frozen=True)
 class Randomization:
-    """How robots are drawn."""
+    """Randomisation of robots: a strength, and custom ranges."""
 
     strength: float = 0.0
-    """0 … 1; a draw x of the table becomes x₀ + strength (x − x₀), x₀ the value that changes nothing."""
+    """Strength 0 … 1; a sample x of the table becomes x₀ + strength (x − x₀), x₀ being the value without effect."""
     ranges: tuple[tuple[str, float, float], ...] = ()
-    """Fields with a range of their own in place of the table's, which is drawn from whatever the strength."""
+    """Custom ranges (field, low, high) that replace the table's, independently of the strength."""
 
     @classmethod
     def parse(cls, given: "float | str | Path | Mapping[str, Any] | Randomization") -> "Randomization":
-        """How robots are drawn, from what a user says.
+        """Read a randomisation from a user's argument.
 
         Args:
             given: A strength; or ranges by field, `{"body.total_mass": (15.5, 17.0)}`, with `strength` for all others,
-                which is 0 if not said; or a TOML file of these, in which a field may stand in the table of its part.
+                0 by default; or a TOML file of these, in which a field may be in the table of its part.
 
         Raises:
-            UnknownNameError: For a field that is not in the table; it lists those that are.
-            InvalidValueError: For a strength or a range that is none, or of what is no robot.
-            SpidarError: For a file that cannot be read, or is no TOML.
+            UnknownNameError: For a field that is not in the table; it lists the valid ones.
+            InvalidValueError: For an invalid strength or range, or a range with values that no robot can have.
+            SpidarError: For a file that cannot be read, or is not TOML.
         """
         if isinstance(given, Randomization):
             return given
@@ -138,14 +138,14 @@ class Randomization:
 
     @property
     def draws(self) -> bool:
-        """Whether anything is drawn."""
+        """Whether anything is randomised."""
         return self.strength > 0.0 or bool(self.ranges)
 
     def table(self, nominal: PlantConfig) -> tuple[float, tuple[Row, ...]]:
-        """What is drawn how strongly.
+        """Return the strength and the table to sample from.
 
         Args:
-            nominal: The robot in the middle.
+            nominal: The nominal robot.
         """
         table = TABLE if nominal.robot == ROBOT else table_of(nominal.robot)
         if not self.ranges:
@@ -155,7 +155,7 @@ class Randomization:
 
 
 def _bounds(row: Row, own: tuple[float, float] | None, strength: float, nominal: PlantConfig) -> dict[str, float]:
-    """A row's range: the one that was given, or its own about what changes nothing, as narrow as the strength says."""
+    """Return a row's range: the custom one, or the table's scaled by the strength about the value without effect."""
     if own is None:
         middle = _neutral(row, nominal)
         own = (middle + strength * (row.low - middle), middle + strength * (row.high - middle))
@@ -163,7 +163,7 @@ def _bounds(row: Row, own: tuple[float, float] | None, strength: float, nominal:
 
 
 def _neutral(row: Row, nominal: PlantConfig) -> Any:  # noqa: ANN401 - a number, of the nominal robot or of the operation
-    """The draw that changes nothing."""
+    """Return the value without effect."""
     part, name = row.field.split(".")
     return {"set": getattr(getattr(nominal, part), name), "scale": 1.0, "add": 0.0}[row.operation]
 
@@ -179,7 +179,7 @@ def _read(path: Path) -> Mapping[str, Any]:
 
 
 def _flat(given: Mapping[Any, Any]) -> dict[str, Any]:
-    """Ranges by field, where TOML has tables by part."""
+    """Return ranges by field, with TOML's tables by part flattened."""
     found: dict[str, Any] = {}
     for name, value in given.items():
         found |= {f"{name}.{own}": one for own, one in value.items()} if isinstance(value, Mapping) else {name: value}
@@ -187,7 +187,7 @@ def _flat(given: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _range(name: str, value: Any) -> tuple[str, float, float]:  # noqa: ANN401 - whatever a user gives
-    """A field's range."""
+    """Validate the custom range of a field."""
     rows = {row.field: row for row in TABLE}
     require_name("randomization", name, ["strength", *rows])
     try:
@@ -200,12 +200,12 @@ def _range(name: str, value: Any) -> tuple[str, float, float]:  # noqa: ANN401 -
         try:
             _with(PlantConfig(), {name: (rows[name], float(end))})
         except InvalidValueError as error:
-            raise InvalidValueError(f"randomization: {name}", value, f"numbers of a robot: {error}") from error
+            raise InvalidValueError(f"randomization: {name}", value, f"values of a robot: {error}") from error
     return name, float(low), float(high)
 
 
 def _with(nominal: PlantConfig, draws: Mapping[str, tuple[Row, Any]]) -> PlantConfig:
-    """A robot with draws, by field."""
+    """Return a robot with sampled values, by field."""
     parts: dict[str, dict[str, Any]] = {}
     for field, (row, draw) in draws.items():
         part, name = field.split(".")
@@ -218,15 +218,15 @@ def _with(nominal: PlantConfig, draws: Mapping[str, tuple[Row, Any]]) -> PlantCo
 def randomize(
     nominal: PlantConfig, rng: np.random.Generator, how: float | Randomization
 ) -> tuple[PlantConfig, dict[str, np.ndarray]]:
-    """Draw a robot.
+    """Sample a randomised robot.
 
     Args:
-        nominal: The robot in the middle.
-        rng: Source of the draws; as many numbers are taken however it is drawn, so that strengths are comparable.
-        how: A strength, 0 … 1, or ranges too.
+        nominal: The nominal robot.
+        rng: Random generator; the number of samples does not depend on `how`, so that strengths are comparable.
+        how: A strength, 0 … 1, or a `Randomization` with ranges.
 
     Returns:
-        The drawn robot, and the draws by field.
+        The randomised robot, and the samples by field.
 
     Raises:
         InvalidValueError: For a strength outside 0 … 1.
@@ -240,7 +240,7 @@ def randomize(
 
 
 def check_strength(strength: object) -> None:
-    """Refuse a strength outside 0 … 1."""
+    """Require a strength within 0 … 1 (`InvalidValueError`)."""
     if not (is_finite(strength) and 0.0 <= strength <= 1.0):
         raise InvalidValueError(
             "randomization", strength, "a strength within 0 … 1, ranges by field, or a TOML file of these"

@@ -1,4 +1,4 @@
-"""Draws the robot: off-screen pictures and depth images, or MuJoCo's window."""
+"""Rendering of the robot: off-screen pictures and depth images, or MuJoCo's window."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -26,20 +26,20 @@ from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH, scene
 from spidar_gym.turn import Turn
 
 _DRAWING = Turn()
-"""One thread draws at a time: the contexts of all share one display."""
+"""Lock of all drawing: the threads' contexts share one display."""
 _OPENED: set[int] = set()
-"""Processes, this one and those that it was forked from, that have opened OpenGL."""
+"""Ids of those processes, among this one and its ancestors by fork, that have opened OpenGL."""
 _LOST: list[Any] = []
-"""What a forked process cannot give back."""
+"""Renderers that a forked process cannot release."""
 
 
 def _is_lost() -> bool:
-    """Whether OpenGL was opened before this process was forked: its threads do not exist here, and it would hang."""
+    """Return whether OpenGL was opened before this process was forked; its threads are missing, so it would hang."""
     return bool(_OPENED - {os.getpid()})
 
 
 def _require_here() -> None:
-    """Raise `SpidarError` where OpenGL is lost; from here on it counts as opened."""
+    """Raise `SpidarError` if OpenGL is lost; else record it as opened."""
     if _is_lost():
         raise SpidarError(
             "OpenGL was opened before this process was forked; valid: the start method spawn, or a fork before the "
@@ -49,7 +49,7 @@ def _require_here() -> None:
 
 
 def require_display() -> None:
-    """Refuse to go on without a screen: MuJoCo's viewer would end the whole process."""
+    """Raise `SpidarError` without a display, because MuJoCo's viewer would end the process."""
     if not has_display():
         named = ", ".join(f"{name}={os.environ[name]!r}" for name in SCREENS if os.environ.get(name))
         raise SpidarError(
@@ -60,9 +60,9 @@ def require_display() -> None:
 
 @contextmanager
 def offscreen_library() -> Iterator[None]:
-    """Where an OpenGL context is opened without a window; `MissingDependencyError` says what to install.
+    """Select an OpenGL library without windows for the block (`MissingDependencyError` with what to install).
 
-    Without a screen MuJoCo draws with EGL or OSMesa, also where it was imported before this module.
+    Without a display MuJoCo draws with EGL or OSMesa, even if it was imported before this module.
     """
     require_opengl()
     try:
@@ -77,12 +77,12 @@ def offscreen_library() -> Iterator[None]:
             else:
                 raise no_opengl()
         yield
-    except Exception as error:  # every OpenGL binding fails in its own way, and all mean the same here
+    except Exception as error:  # each OpenGL binding raises its own errors
         raise no_opengl() from error
 
 
 def require_pictures() -> None:
-    """Open an OpenGL context and close it again (`MissingDependencyError` where nothing can be drawn)."""
+    """Open and close an OpenGL context (`MissingDependencyError` if nothing can be drawn)."""
     with _DRAWING.lock, offscreen_library():
         context = gl_context.GLContext(16, 16)
         try:
@@ -92,7 +92,7 @@ def require_pictures() -> None:
 
 
 def _leave(context: Any) -> None:  # noqa: ANN401 - MuJoCo's, of whichever library
-    """Have no context current on this thread, so that any thread can draw with this one."""
+    """Make no context current on this thread, so that other threads can draw with `context`."""
     library = type(context).__mro__[1].__module__
     if library == "mujoco.egl":
         importlib.import_module(library).EGL.eglReleaseThread()
@@ -101,21 +101,21 @@ def _leave(context: Any) -> None:  # noqa: ANN401 - MuJoCo's, of whichever libra
 
 
 class Drawn:
-    """A robot over a floor, as it is drawn: model and data of its own."""
+    """Model and data of a robot on a floor, for drawing."""
 
     def __init__(self, ground: GroundConfig | None, robot: RobotSpec = ROBOT, *, film: bool) -> None:
-        """Lay the floor, a plane by default; with `film` it looks as in films and figures."""
+        """Build the model with a floor, a plane by default; `film` selects the look of films and figures."""
         ground = ground or GroundConfig()
         self._model = copy.copy(scene(visual=True, uneven=ground.uneven, film=film, boxed=ground.boxed, robot=robot))
         self._data = mujoco.MjData(self._model)
         self.lay(ground)
 
     def lay(self, ground: GroundConfig) -> None:
-        """Draw another floor of the same kind from now on."""
+        """Replace the floor by another of the same kind."""
         ground.apply(self._model)
 
     def _place(self, qpos: np.ndarray) -> None:
-        """Bring what is drawn to a configuration: bodies, centres of mass, cameras and lights."""
+        """Set a configuration: bodies, centres of mass, cameras and lights."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
@@ -128,7 +128,7 @@ class OffscreenRenderer(Drawn):
     def __init__(
         self, camera: str, width: int, height: int, ground: GroundConfig | None = None, robot: RobotSpec = ROBOT
     ) -> None:
-        """Open an OpenGL context over a floor (`MissingDependencyError` says what to install where there is none)."""
+        """Open an OpenGL context (`MissingDependencyError` with what to install if there is none)."""
         require_name("camera", camera, CAMERAS)
         if width > MAX_WIDTH or height > MAX_HEIGHT:
             raise SpidarError(f"cannot render {width} × {height}; valid: up to {MAX_WIDTH} × {MAX_HEIGHT}")
@@ -143,18 +143,18 @@ class OffscreenRenderer(Drawn):
         self._options.geomgroup[3] = 0
 
     def render(self, qpos: np.ndarray, *, depth: bool = False) -> np.ndarray:
-        """Picture (height, width, 3) uint8 of a configuration, or distances (height, width) float32 [m].
+        """Return a picture (height, width, 3) uint8 of a configuration, or distances (height, width) float32 [m].
 
         Args:
             qpos: Configuration of the simulated robot.
-            depth: Distances instead of colours.
+            depth: Whether to return distances instead of colours.
         """
         _require_here()
         with _DRAWING.lock, self._renderer._gl_context.as_current():
             self._place(qpos)
             if depth:
                 self._renderer.enable_depth_rendering()
-            # MuJoCo lays infinite planes around where the camera of the scene before was.
+            # MuJoCo draws infinite planes around the camera position of the previous scene.
             mujoco.mjv_updateCamera(self._model, self._data, self._camera, self._renderer.scene)
             self._renderer.update_scene(self._data, self._camera, self._options)
             image = self._renderer.render().copy()
@@ -163,7 +163,7 @@ class OffscreenRenderer(Drawn):
             return image
 
     def close(self) -> None:
-        """Give the OpenGL context back; a second call does nothing."""
+        """Release the OpenGL context; a second call does nothing."""
         renderer, self._renderer = self._renderer, None
         if renderer is not None and _is_lost():
             _LOST.append(renderer)
@@ -173,10 +173,10 @@ class OffscreenRenderer(Drawn):
 
 
 class Window(Drawn):
-    """MuJoCo's interactive viewer, which shows one configuration a `period` [s] of real time."""
+    """MuJoCo's interactive viewer, which shows one configuration per `period` [s] of real time."""
 
     def __init__(self, period: float, ground: GroundConfig | None = None, robot: RobotSpec = ROBOT) -> None:
-        """Open the window over a floor (`SpidarError` where there is no screen)."""
+        """Open the window (`SpidarError` without a display)."""
         require_display()
         super().__init__(ground, robot, film=True)
         self._period, self._due = period, 0.0
@@ -184,7 +184,7 @@ class Window(Drawn):
         self._viewer.opt.geomgroup[3] = 0
 
     def render(self, qpos: np.ndarray) -> None:
-        """Show a configuration; nothing happens any more once the user has closed the window."""
+        """Show a configuration; do nothing after the user has closed the window."""
         if not self._viewer.is_running():
             return
         self._data.qpos[:] = qpos

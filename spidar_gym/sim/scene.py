@@ -1,4 +1,4 @@
-"""The world as MuJoCo sees it: the robot over a floor, with or without what only pleases the eye."""
+"""MuJoCo's model of the world: the robot on a floor, with or without purely visual parts."""
 
 # pyright: reportAttributeAccessIssue=false
 # The compiled modules below come without stubs.
@@ -12,11 +12,11 @@ from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.description import model_text
 from spidar_gym.sim.ground import BOXES, NOWHERE, TILE, TILE_DEPTH, TILES
 
-# MuJoCo would write its warnings into a file of the working folder.
+# By default MuJoCo writes its warnings into a file in the working folder.
 mujoco.set_mju_user_warning(logging.getLogger("spidar_gym.mujoco").warning)
 
 TIMESTEP = 0.0025
-"""Physics step [s], implicitfast."""
+"""Physics step of the integrator `implicitfast` [s]."""
 MAX_WIDTH, MAX_HEIGHT = 1920, 1080
 """Largest picture [px]."""
 
@@ -25,7 +25,7 @@ _UNSTABLE = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("
 
 
 def quieten(data: mujoco.MjData) -> None:
-    """Have MuJoCo count, not print, numbers that are not finite: it prints a warning where its count is 0."""
+    """Suppress MuJoCo's warnings of numbers that are not finite: it prints one only while its count is 0."""
     data.warning.number[_UNSTABLE] = 1
 
 
@@ -33,11 +33,10 @@ def quieten(data: mujoco.MjData) -> None:
 def scene(
     visual: bool, uneven: bool = False, film: bool = False, boxed: bool = False, robot: RobotSpec = ROBOT
 ) -> mujoco.MjModel:
-    """A robot over a floor; without `visual` the geoms that only please the eye are left out, a third of a step.
+    """Build the model of a robot on a floor; without `visual`, purely visual geoms are omitted, a third of a step.
 
-    With `uneven` there are tiles on the floor, with `boxed` boxes: `GroundConfig.apply` lays them. With `film` it looks
-    as in films and figures; the plain look is what the environments' pictures have, which may be observations, and it
-    stays.
+    With `uneven` the floor has tiles, with `boxed` boxes, which `GroundConfig.apply` places. `film` selects the look of
+    films and figures. The plain look is fixed, because the environments' pictures, which may be observations, have it.
     """
     spec = mujoco.MjSpec.from_string(model_text(robot))
     if not visual:
@@ -59,24 +58,24 @@ def scene(
         box = world.add_geom(name=f"box{k}", type=mujoco.mjtGeom.mjGEOM_BOX)
         box.pos, box.size = NOWHERE[:3], NOWHERE[3:]
         box.contype, box.conaffinity, box.friction = 1, 0, floor.friction
-        box.rgba = [0.78, 0.74, 0.68, 0.45 if film else 1.0]  # a film shows who is behind it
+        box.rgba = [0.78, 0.74, 0.68, 0.45 if film else 1.0]  # transparent in films
     if visual:
         getattr(spec.visual, "global").offwidth = MAX_WIDTH
         getattr(spec.visual, "global").offheight = MAX_HEIGHT
         (_light_film if film else _light_plainly)(spec)
         floor.material = "grid"
     model = spec.compile()
-    # A state that diverges must be seen, not silently reset.
+    # A diverging state must be detected, not reset by MuJoCo.
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return model
 
 
 def _light_plainly(spec: mujoco.MjSpec) -> None:
-    """A chequered floor under a light from above, drawn fast: what agents may look at a thousand times a second."""
+    """Set the plain look: a chequered floor under a light from above, fast to draw for image observations."""
     spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
     spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
-    # Off-screen pictures are mostly drawn by the processor: a reflection, a large shadow map and multiple
-    # sampling would each cost more than the robot.
+    # Off-screen pictures are mostly drawn by the CPU: a reflection, a large shadow map and multisampling would each
+    # take longer than the robot.
     spec.visual.quality.shadowsize = 1024
     spec.visual.quality.offsamples = 0
     builtin = mujoco.mjtBuiltin
@@ -91,7 +90,7 @@ def _light_plainly(spec: mujoco.MjSpec) -> None:
 
 
 def _light_film(spec: mujoco.MjSpec) -> None:
-    """A pale floor, lined every half metre, that fades into the horizon; light from above, a little from the side."""
+    """Set the look of films: a pale floor with lines every half metre, fading at the horizon, lit mainly from above."""
     horizon = [0.93, 0.95, 0.97]
     getattr(spec.visual, "global").fovy = 30
     spec.visual.headlight.ambient = [0.42, 0.43, 0.45]
@@ -101,7 +100,7 @@ def _light_film(spec: mujoco.MjSpec) -> None:
     spec.visual.map.haze, spec.visual.map.zfar = 0.5, 20
     spec.visual.quality.shadowsize = 1024
     spec.visual.quality.offsamples = 4
-    # Round enough at the size of a film, and a third of the work of MuJoCo's defaults.
+    # Sufficiently round at the resolution of a film, at a third of the CPU time of MuJoCo's defaults.
     spec.visual.quality.numslices, spec.visual.quality.numstacks, spec.visual.quality.numquads = 16, 8, 1
     _add_sky(spec, [0.36, 0.56, 0.80], horizon)
     spec.add_texture(
@@ -109,7 +108,7 @@ def _light_film(spec: mujoco.MjSpec) -> None:
         rgb1=[0.83, 0.85, 0.87], width=512, height=512, mark=mujoco.mjtMark.mjMARK_EDGE, markrgb=[0.55, 0.59, 0.64],
     )  # fmt: skip
     _add_grid(spec, 2.0)
-    # From straight above: the shadow lies where the robot is, and the floor throws none on itself.
+    # Vertical light: the shadow is directly below the robot, and the floor casts none on itself.
     _add_light(spec, [0.0, 0.0, -1.0], 0.45, castshadow=True)
     _add_light(spec, [0.8, 0.3, -0.3], 0.25, castshadow=False)
 
@@ -122,7 +121,7 @@ def _add_sky(spec: mujoco.MjSpec, zenith: list[float], horizon: list[float]) -> 
 
 
 def _add_grid(spec: mujoco.MjSpec, repeat: float) -> None:
-    """The floor's material: its texture so many times a metre."""
+    """Add the floor's material, with `repeat` copies of its texture per metre."""
     grid = spec.add_material(name="grid", texrepeat=[repeat, repeat], texuniform=True)
     grid.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
 

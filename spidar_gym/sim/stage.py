@@ -1,7 +1,7 @@
-"""Films the robot: antialiased pictures with thrusts and wakes, from a camera that stands still or follows.
+"""Rendering of films: antialiased pictures with thrusts and wakes, from a fixed camera or one that follows the robot.
 
-Pictures are mostly drawn by the processor, the floor's pixels cost most, and before a camera that stands still nothing
-changes but the robot and its shadow: only the part of the picture that holds them is drawn anew.
+Pictures are mostly drawn by the CPU, and the floor's pixels take the most time. With a fixed camera only the robot and
+its shadow change, so that only the part of the picture around them is redrawn.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -23,26 +23,28 @@ from spidar_gym.sim.renderer import Drawn, offscreen_library
 from spidar_gym.sim.scene import scene
 
 FIXED = "fixed"
-"""Name of the camera that stands where it sees the whole way."""
+"""Name of the fixed camera, placed to see the whole motion."""
 VIEWS = (FIXED, *CAMERAS)
 """Cameras of a film."""
 AZIMUTH, ELEVATION = math.radians(68.0), math.radians(-15.0)
-"""Where the camera that stands still looks."""
+"""Viewing direction of the fixed camera [rad]."""
 ARROW_COLOR = np.array([0.84, 0.37, 0.0, 1.0], np.float32)
 CONTACT_COLOR = np.array([0.0, 0.62, 0.45, 1.0], np.float32)
 THRUST_LENGTH, CONTACT_LENGTH = 0.02, 0.012
 """Lengths of the arrows of thrusts and contact forces [m/N]."""
 SHORTEST = 0.01
-"""Arrows that would be shorter are left out: their heads would be drawn askew [m]."""
+"""Shortest arrow that is drawn; MuJoCo distorts the heads of shorter ones [m]."""
 JET_COLOR = (0.25, 0.55, 0.95)
 JET_LENGTH, JET_PIECES = 0.75, 3
-"""How far a jet is drawn [m], and in how many pieces."""
+"""Drawn length of a jet [m], and the number of its pieces."""
+FADED, EASE = 0.1, 0.12
+"""Opacity of a box between the camera and the robot, and the share by which each picture approaches it."""
 MARGIN = 12
-"""What is drawn anew goes so far beyond the robot [px]."""
+"""Margin of the redrawn part around the robot [px]."""
 
 
 def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
-    """The configuration at a share 0 … 1 of the way from one to another: attitudes turn, they are not averaged."""
+    """Interpolate between two configurations at a share 0 … 1; attitudes are interpolated by rotation."""
     model = scene(visual=False)
     velocity, found = np.zeros(model.nv), first.copy()
     mujoco.mj_differentiatePos(model, velocity, 1.0, first, second)
@@ -51,12 +53,12 @@ def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
 
 
 def cog(qpos: np.ndarray, robot: RobotSpec = ROBOT) -> np.ndarray:
-    """Centre of gravity in each configuration (n, 39): (n, 3), world [m]."""
+    """Return the centre of gravity in each configuration (n, 39): (n, 3), world [m]."""
     return np.array([data.subtree_com[1].copy() for data in _placed(scene(visual=False, robot=robot), qpos)])
 
 
 def extent(qpos: np.ndarray, robot: RobotSpec = ROBOT) -> np.ndarray:
-    """Points (k, 3) round the robot in some configurations (n, 39), and on the floor under its torso [m]."""
+    """Return points (k, 3) that enclose the robot in configurations (n, 39) and the floor below its torso [m]."""
     model = scene(visual=True, film=True, robot=robot)
     shown = _robot(model)
     reach = model.geom_rbound[shown][:, None]
@@ -69,7 +71,7 @@ def extent(qpos: np.ndarray, robot: RobotSpec = ROBOT) -> np.ndarray:
 
 
 def _placed(model: mujoco.MjModel, qpos: np.ndarray) -> Iterator[mujoco.MjData]:
-    """Bodies and centre of gravity of each configuration, in the same data."""
+    """Yield MuJoCo's data with bodies and centre of gravity of each configuration; the object is reused."""
     data = mujoco.MjData(model)
     for row in qpos:
         data.qpos[:] = row
@@ -79,10 +81,10 @@ def _placed(model: mujoco.MjModel, qpos: np.ndarray) -> Iterator[mujoco.MjData]:
 
 
 def standing(points: np.ndarray, aspect: float, window: tuple[float, float, float, float]) -> mujoco.MjvCamera:
-    """The nearest camera that sees points (n, 3) [m] within a window of its picture.
+    """Return the nearest fixed camera that sees points (n, 3) [m] within a window of its picture.
 
     Args:
-        points: What it must see.
+        points: Points to be seen.
         aspect: Width over height of the picture.
         window: Left, right, bottom, top of the window as shares of the picture, from its lower left corner.
     """
@@ -96,7 +98,7 @@ def standing(points: np.ndarray, aspect: float, window: tuple[float, float, floa
     slope = math.tan(math.radians(scene(visual=True, film=True).vis.global_.fovy) / 2.0)
     bounds = []
     for axis, half, low, high in ((right, slope * aspect, *window[:2]), (up, slope, *window[2:])):
-        # A point at depth e is in the window where its place lies within low … high times e + the distance.
+        # A point at depth e is in the window if its place lies within low … high times e + the distance.
         low, high = half * (2.0 * low - 1.0), half * (2.0 * high - 1.0)
         place = (points - centre) @ axis
         bounds.append(((place - low * depth).min(), (place - high * depth).max(), low, high))
@@ -110,8 +112,28 @@ def standing(points: np.ndarray, aspect: float, window: tuple[float, float, floa
     return camera
 
 
+def hidden(
+    eye: np.ndarray, points: np.ndarray, centre: np.ndarray, axes: np.ndarray, half: np.ndarray
+) -> np.ndarray:  # fmt: skip
+    """Return which boxes (k,) are between an eye (3,) and any of some points (n, 3), world [m].
+
+    Args:
+        eye: Position of the camera.
+        points: Points that may be hidden.
+        centre: Centres of the boxes (k, 3).
+        axes: Axes of the boxes as columns (k, 3, 3).
+        half: Half sizes of the boxes (k, 3) [m].
+    """
+    start = np.einsum("kji,kj->ki", axes, eye - centre)[:, None]
+    way = np.einsum("kji,nj->kni", axes, points - eye)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bounds = np.stack(((-half[:, None] - start) / way, (half[:, None] - start) / way))
+    enters, leaves = np.nanmax(bounds.min(axis=0), axis=2), np.nanmin(bounds.max(axis=0), axis=2)
+    return ((enters < np.minimum(leaves, 1.0)) & (leaves > 0.0)).any(axis=1)
+
+
 def _robot(model: mujoco.MjModel) -> np.ndarray:
-    """Which geoms are drawn and move."""
+    """Return the indices of the geoms that are drawn and move."""
     return np.flatnonzero((model.geom_bodyid > 0) & (model.geom_group != 3))
 
 
@@ -122,14 +144,14 @@ class Stage(Drawn):
         self, camera: str | mujoco.MjvCamera, width: int, height: int, ground: GroundConfig | None = None,
         robot: RobotSpec = ROBOT,
     ) -> None:  # fmt: skip
-        """Open an OpenGL context over a floor (`MissingDependencyError` says what to install where there is none).
+        """Open an OpenGL context (`MissingDependencyError` with what to install if there is none).
 
         Args:
-            camera: One that stands (see `standing`), or the name of one that follows the robot.
-            width: Of the pictures [px].
-            height: … [px].
-            ground: The floor.
-            robot: Which robot it is.
+            camera: A fixed camera (see `standing`), or the name of one that follows the robot.
+            width: Width of the pictures [px].
+            height: Height of the pictures [px].
+            ground: The floor; a plane by default.
+            robot: The robot.
         """
         super().__init__(ground, robot, film=True)
         self._robot = robot
@@ -153,6 +175,10 @@ class Stage(Drawn):
         self._shown = _robot(self._model)
         self._level = ground is None or not (ground.uneven or ground.boxed or ground.slope)
         self._empty: np.ndarray | None = None
+        self._boxes = np.flatnonzero(
+            (self._model.geom_bodyid == 0) & (self._model.geom_type == mujoco.mjtGeom.mjGEOM_BOX)
+        )
+        self._opacity = dict.fromkeys(self._boxes.tolist(), 1.0)
 
     def render(
         self,
@@ -162,13 +188,13 @@ class Stage(Drawn):
         contacts: np.ndarray | None = None,
         whole: bool = False,
     ) -> np.ndarray:
-        """Picture (height, width, 3) uint8 of a configuration.
+        """Return a picture (height, width, 3) uint8 of a configuration.
 
         Args:
             qpos: Configuration of the simulated robot.
-            thrust: Thrusts (8,) [N] to draw as arrows, with the jets that they blow.
+            thrust: Thrusts (8,) [N] to draw as arrows, with their jets.
             contacts: Points and forces of the floor (k, 6) [m, N] to draw as arrows.
-            whole: Draw all of it anew, also where nothing moves.
+            whole: Whether to redraw the whole picture.
         """
         self._gl.make_current()
         self._place(qpos)
@@ -192,7 +218,7 @@ class Stage(Drawn):
         return image
 
     def close(self) -> None:
-        """Give the OpenGL context back; a second call does nothing."""
+        """Release the OpenGL context; a second call does nothing."""
         gl, self._gl = self._gl, None
         if gl is not None:
             gl.make_current()
@@ -203,15 +229,33 @@ class Stage(Drawn):
         mujoco.mjv_updateScene(
             self._model, self._data, self._options, None, self._camera, categories.value, self._picture
         )
+        if not self._stands:
+            self._fade()
         if self._level:
             return
-        # Away from z = 0 the floor is, by rounding, deeper than in the shadow map, and would lie in its own shadow.
+        # Away from z = 0, rounding puts the floor below its depth in the shadow map: it would shadow itself.
         for geom in (self._picture.geoms[k] for k in range(self._picture.ngeom)):
             if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM and self._model.geom_bodyid[geom.objid] == 0:
-                geom.category = mujoco.mjtCatBit.mjCAT_DECOR  # it is drawn, and throws no shadow
+                geom.category = mujoco.mjtCatBit.mjCAT_DECOR  # drawn without casting a shadow
+
+    def _fade(self) -> None:
+        """Gradually make boxes of a course transparent while they hide the robot from a following camera."""
+        if not len(self._boxes):
+            return
+        eyes = self._picture.camera
+        eye = (np.array(eyes[0].pos) + np.array(eyes[1].pos)) / 2.0
+        hides = hidden(
+            eye, self._data.geom_xpos[self._shown], self._data.geom_xpos[self._boxes],
+            self._data.geom_xmat[self._boxes].reshape(-1, 3, 3), self._model.geom_size[self._boxes],
+        )  # fmt: skip
+        for box, hide in zip(self._boxes.tolist(), hides.tolist(), strict=True):
+            self._opacity[box] += EASE * ((FADED if hide else 1.0) - self._opacity[box])
+        for geom in (self._picture.geoms[k] for k in range(self._picture.ngeom)):
+            if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM and geom.objid in self._opacity:
+                geom.rgba[3] *= self._opacity[geom.objid]
 
     def _part(self, balls: np.ndarray) -> tuple[int, int, int, int]:
-        """Left, low, right, top [px, from below] of what holds balls (n, 4) and their shadows on the floor."""
+        """Return the bounds left, low, right, top [px, from below] of balls (n, 4) and their shadows on the floor."""
         floor = self._model.geom("floor").id
         normal, light = self._data.geom_xmat[floor].reshape(3, 3)[:, 2], self._data.light_xdir[0]
         falls = (balls[:, :3] - self._data.geom_xpos[floor]) @ normal / (light @ normal)
@@ -224,11 +268,11 @@ class Stage(Drawn):
         width, height = self._size
         scale = height * eye.frustum_near / (eye.frustum_top - eye.frustum_bottom) / np.maximum(seen @ ahead, 0.1)
         x, y = width / 2 + scale * (seen @ np.cross(ahead, up)), height / 2 + scale * (seen @ up)
-        # A ball away from the middle looks a little longer than wide.
+        # Perspective elongates a ball away from the centre of the picture.
         reach = 1.15 * scale * balls[:, 3] + MARGIN
         left, low = int(max(0.0, (x - reach).min())), int(max(0.0, (y - reach).min()))
         right, top = int(min(width, (x + reach).max())), int(min(height, (y + reach).max()))
-        # Out of sight there is nothing to draw, but OpenGL wants a pixel.
+        # OpenGL needs at least one pixel, even if the robot is out of sight.
         left, low = min(left, width - 1), min(low, height - 1)
         return left, low, max(right, left + 1), max(top, low + 1)
 
@@ -249,7 +293,7 @@ class Stage(Drawn):
         return image[::-1]
 
     def _draw_thrust(self, site: int, newtons: float) -> np.ndarray:
-        """An arrow, and below it the two jets, each as wide as where it blows half as fast; balls that hold them."""
+        """Draw an arrow and two jets, as wide as their half-speed radius; return balls that enclose them."""
         frame = self._data.site_xmat[site].reshape(3, 3)
         centre, side, up = self._data.site_xpos[site], frame[:, 1], frame[:, 2]
         tip = centre + THRUST_LENGTH * newtons * up
@@ -272,12 +316,12 @@ class Stage(Drawn):
             self._add(mujoco.mjtGeom.mjGEOM_ARROW, radius, start, end, color)
 
     def _add(self, kind: Any, radius: float, start: np.ndarray, end: np.ndarray, color: np.ndarray) -> None:  # noqa: ANN401 - MuJoCo's enumeration
-        """One more shape in the scene that is about to be drawn, if there is room."""
+        """Add a shape to the scene, unless the scene is full."""
         picture = self._picture
         if picture.ngeom >= picture.maxgeom:
             return
         geom = picture.geoms[picture.ngeom]
         mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.zeros(9), color)
         mujoco.mjv_connector(geom, kind, radius, start, end)
-        geom.category = mujoco.mjtCatBit.mjCAT_DECOR  # otherwise it throws shadows
+        geom.category = mujoco.mjtCatBit.mjCAT_DECOR  # without shadows
         picture.ngeom += 1

@@ -1,25 +1,25 @@
-"""What a robot had better not do, whatever its task: constraints, whose violations `info` tells as costs.
+"""Constraints that apply to every task; `info` reports their violations as costs.
 
-The engine looks at the end of every control period; of a step of several periods the worst counts.
+The engine evaluates them at the end of every control period; a step of several periods collects the violations of all.
 """
 
 from collections.abc import Collection
 
 VIOLATIONS = ("foot", "duct", "part", "torque", "blown")
-"""A foot or a peg touches, a duct does, another part does; a joint servo is at its limit; a rotor is blown on."""
+"""Contact of a foot or a peg, of a duct, of another part; a joint servo at its limit; a rotor in a jet."""
 COSTS = ("contact", "torque", "duct", "blown")
-"""Violations that cost: 1 each where there is one, else 0."""
+"""Names of the costs; each is 1 for a violation, else 0."""
 AT_LIMIT = 0.01
-"""A joint servo this close to the largest torque that it may use is at its limit [Nm]."""
+"""A joint servo is at its limit within this distance of its allowed torque [Nm]."""
 BLOWN_FACTOR = 0.9
-"""A rotor whose thrust is less than this share of the one in still air is blown on: by another's jet, or by its own."""
+"""A rotor is in a jet, another's or its own, if its thrust is below this share of that in still air."""
 
 
 def costs(violated: int, untouchable: Collection[str]) -> dict[str, float]:
-    """What `info` tells of violated constraints: `cost`, the sum, and `cost_contact`, … in the order of `COSTS`.
+    """Return the entries of `info` for violated constraints: `cost`, the sum, and `cost_contact`, … as in `COSTS`.
 
     Args:
-        violated: Bit k is the k-th of `VIOLATIONS`.
+        violated: Bit mask; bit k is the k-th of `VIOLATIONS`.
         untouchable: Parts whose contact is a violation.
     """
     found = {name for k, name in enumerate(VIOLATIONS) if violated >> k & 1}

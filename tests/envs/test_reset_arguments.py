@@ -77,7 +77,7 @@ REFUSED = [
     ({"randomization": {"body.mass": (1, 2)}}, UnknownNameError, "body.mass.*did you mean body.link_mass"),
     ({"randomization": {"body.total_mass": (17, 16)}}, InvalidValueError, r"a range \(low, high\) \[kg\]"),
     ({"randomization": {"body.total_mass": "heavy"}}, InvalidValueError, r"a range \(low, high\) \[kg\]"),
-    ({"randomization": {"body.total_mass": (-1.0, 16.0)}}, InvalidValueError, "numbers of a robot: total_mass"),
+    ({"randomization": {"body.total_mass": (-1.0, 16.0)}}, InvalidValueError, "values of a robot: total_mass"),
     ({"randomization": "none.toml"}, SpidarError, "none.toml cannot be read.*valid: a TOML file"),
     ({"preset": "tuned"}, UnknownNameError, "reset option 'preset'; valid: forms, start, disturbances, joint_speed"),
 ]

@@ -222,7 +222,7 @@ def test_a_payload_adds_to_the_total_mass_and_is_removed_by_the_next_configurati
 
 @pytest.mark.parametrize("mass", [-0.1, math.nan])
 def test_a_negative_payload_is_refused(mass):
-    with pytest.raises(InvalidValueError, match=r"payload_mass = .*(from 0 on, in kg|finite)"):
+    with pytest.raises(InvalidValueError, match=r"payload_mass = .*(at least 0 kg|finite)"):
         BodyConfig(payload_mass=mass)
 
 
