@@ -198,7 +198,7 @@ def test_pictures_show_boxes():
         (lambda: floor(*[PLATFORM] * (BOXES + 1)), f"at most {BOXES}"),
         (lambda: replace(floor(PLATFORM), tiles=np.full((TILES, TILES), 0.01)), "either tiles or boxes"),
         (lambda: plant(PLATFORM).configure(PlantConfig(aero=VACUUM)), "the kind of floor given at construction"),
-        (lambda: plant().configure(PlantConfig(aero=VACUUM, ground=floor(PLATFORM))), "the same kind"),
+        (lambda: plant().configure(PlantConfig(aero=VACUUM, ground=floor(PLATFORM))), "the kind of floor"),
     ],
 )
 def test_an_invalid_box_is_refused(make, words):
