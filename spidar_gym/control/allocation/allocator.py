@@ -1,4 +1,4 @@
-"""Demand → forces: the closed form where it is exact, OSQP, the thrust spheres, and named fallbacks."""
+"""Allocator: demand → forces, by the closed form if it is exact, OSQP, the thrust spheres, and named fallbacks."""
 
 import math
 import time
@@ -29,27 +29,27 @@ SIDE_TOLERANCE = 1e-5
 LEAST_NORM = 1e-9
 """A force is divided by at least this norm [N]."""
 SPHERE_TOLERANCE = 1e-9
-"""A thrust beyond the largest one by less than this share of it is rounding."""
+"""Share of the largest thrust by which a force may exceed it due to rounding."""
 _NO_FEET, _NO_GUESS = constant(0.0, N_LEGS, 3), constant(0.0, 0)
 
 
 class AllocationStatus(StrEnum):
-    """How a tick was answered, best first."""
+    """How the forces of a tick were computed, best first."""
 
     CLOSED_FORM = "closed_form"
     """The optimum: the closed form of a guessed set of active rows met all KKT conditions."""
     SOLVED = "solved"
-    """The optimum: the solver said solved and our check of the rows passed; refined by the closed form."""
+    """The optimum: the solver converged and the rows were checked; refined by the closed form."""
     PROJECTED = "projected"
-    """Valid, and the best within the thrust spheres, which the optimum of the paper's cube leaves."""
+    """The optimum within the thrust spheres; that of the paper's cube lies outside them."""
     SOFTENED = "softened"
     """No forces within the spheres meet every row: wrench and torque rows were softened."""
     HELD = "held"
-    """The softened program found no answer, or an input was not finite: the previous forces stay."""
+    """The softened program was not solved, or an input was not finite: the previous forces are held."""
 
 
 ANSWERED = (AllocationStatus.CLOSED_FORM, AllocationStatus.SOLVED, AllocationStatus.PROJECTED)
-"""How a tick is answered whose forces obey every row."""
+"""Statuses of forces that satisfy every row."""
 
 
 MOST_ITERATIONS = 100_000
@@ -65,12 +65,12 @@ class AllocatorConfig:
     tolerance: float = 1e-7
     """Absolute tolerance of the solver, in scaled units."""
     check_tolerance: float = 1e-5
-    """Largest violation of a row that our own check lets pass, in scaled units (1.6 mN of lift, 0.07 mNm of torque)."""
+    """Largest allowed violation of a row in a solver's result, in scaled units (1.6 mN of lift, 0.07 mNm of torque)."""
     price: float = 1e3
     """Price of a violated row in the softened program, in scaled units."""
 
     def __post_init__(self) -> None:
-        """Refuse a cap below 1, or one that a tick would never come to."""
+        """Raise `InvalidValueError` for an iteration cap out of range."""
         cap = self.max_iter
         if not (type(cap) is int and 1 <= cap <= MOST_ITERATIONS):
             raise InvalidValueError("max_iter", cap, f"an iteration cap of at least 1 and at most {MOST_ITERATIONS}")
@@ -78,39 +78,39 @@ class AllocatorConfig:
 
 @dataclass(frozen=True, slots=True)
 class Allocation:
-    """The answer of one tick: forces, and the thrusts λ = ‖f‖ [Zhao2025, Eq. 14]."""
+    """The result of one tick: forces, and the thrusts λ = ‖f‖ [Zhao2025, Eq. 14]."""
 
     forces_l: RotorForces
     """Rotor forces in link axes, within the sphere ‖f‖ ≤ λ̄ [N]."""
     foot_forces_f: FootForces
-    """Forces of the floor on the feet, floor axes [N]; zero in the modes in which they are no unknowns."""
+    """Forces of the floor on the feet, floor axes [N]; zero in modes in which they are not unknowns."""
     thrust: RotorVector
     """λ = ‖f‖ [N]."""
     joint_torques: JointVector
-    """Quasi-static joint torque that goes with them, τ_q = g − T f [Nm]."""
+    """Quasi-static joint torque of these forces, τ_q = g − T f [Nm]."""
     wrench: Wrench
     """Wrench that rotors and feet produce [N, Nm]."""
     unallocated_wrench: Wrench
     """Desired minus produced wrench [N, Nm]."""
     status: AllocationStatus
-    """How the tick was answered."""
+    """How the forces were computed."""
     iterations: int
     """Iterations of the solvers, all attempts together; 0 for the closed form."""
     active: np.ndarray
-    """+1 where a row is at its upper bound, −1 at its lower, 0 elsewhere; empty where nobody asked for it."""
+    """+1 where a row is at its upper bound, −1 at its lower, 0 elsewhere; empty if no guess was passed."""
     slack: float
     """Largest violation of a softened row by these forces, in units of the weight or of the joint torque limit."""
     solve_time: float
-    """Wall-clock time in closed form and solver [s]; differs from run to run."""
+    """Wall-clock time of closed form and solver [s]; differs from run to run."""
 
 
 class Optimum(NamedTuple):
-    """What was found of a program."""
+    """Solution of a program."""
 
     x: np.ndarray | None
-    """The unknowns, in units of λ̄; None where nothing was found."""
+    """The unknowns, in units of λ̄; None if there is no solution."""
     status: AllocationStatus
-    """How; `PROJECTED` where the thrust spheres have still to be looked at."""
+    """How the solution was computed; `PROJECTED` if the thrust spheres have still to be enforced."""
     iterations: int
     """Iterations of the solvers, all attempts together."""
     slack: float = 0.0
@@ -118,41 +118,41 @@ class Optimum(NamedTuple):
 
 
 def _sides(program: QuadraticProgram, x: np.ndarray) -> np.ndarray:
-    """+1 for rows that x brings to their upper bound, −1 for the lower: a guess of the active rows, shape (m,)."""
+    """Guess the active rows at x: +1 for rows at their upper bound, −1 at the lower, shape (m,)."""
     r = program.A @ x
     return (program.u - r < SIDE_TOLERANCE).astype(float) - (r - program.l < SIDE_TOLERANCE)
 
 
 class Allocator:
-    """Demand → forces, for the modes of one preset; owns one workspace a mode."""
+    """Computes forces from demands for the modes of one preset; owns one workspace per mode."""
 
     def __init__(self, modes: dict[str, Mode], config: AllocatorConfig | None = None) -> None:
-        """Take the modes by name and the solver's settings."""
+        """Set the modes by name and the solver's settings."""
         self.config = config or AllocatorConfig()
         self.modes = modes
         self._workspaces: dict[tuple[str, bool], Workspace] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy is made of: all but the workspaces, which keep nothing from tick to tick."""
+        """Return everything but the workspaces, which have no state between ticks."""
         return vars(self) | {"_workspaces": {}}
 
     def allocate(
         self, demand: Demand, mode: str, previous_l: RotorForces, guess: np.ndarray | None = None
     ) -> Allocation:
-        """The optimal forces of one tick, or a bounded fallback with its name.
+        """Compute the optimal forces of one tick, or a bounded fallback with its status.
 
         Args:
-            demand: What is asked for.
+            demand: Wrench, maps and limits of the tick.
             mode: Name of the mode.
             previous_l: Forces of the last tick, held if everything else fails [N].
-            guess: `Allocation.active` of a similar demand: where those rows are active once more, that is the optimum,
-                and no solver is asked. The optimum is the same to rounding, whatever the guess.
+            guess: `Allocation.active` of a similar demand. If the same rows are active again, the closed form finds the
+                optimum without a solver. The optimum does not depend on the guess, up to rounding.
 
         Returns:
-            The allocation. Never raises on numbers: an input that is not finite is answered with the previous forces.
+            The allocation. Never raises on numbers: if an input is not finite, the previous forces are held.
         """
         start = time.perf_counter()
-        with np.errstate(all="ignore"):  # what is not finite is answered, not warned about
+        with np.errstate(all="ignore"):  # numbers that are not finite lead to `HELD`, without warnings
             rows = self.mode(mode)
             try:
                 program = assemble(rows, demand)
@@ -167,7 +167,7 @@ class Allocator:
             return allocation if guess is None else replace(allocation, active=_sides(program, optimum.x))
 
     def mode(self, name: str) -> Mode:
-        """Mode by name (`UnknownNameError` lists the valid ones)."""
+        """Return a mode by name (`UnknownNameError` lists the valid ones)."""
         if name not in self.modes:
             raise UnknownNameError("mode", name, self.modes)
         return self.modes[name]
@@ -176,14 +176,14 @@ class Allocator:
     def _answer(
         demand: Demand, f: np.ndarray, status: AllocationStatus, iterations: int, slack: float, start: float
     ) -> Allocation:
-        """The allocation of these forces [N]; the thrust sphere holds in it whatever rounding left.
+        """Build the allocation of these forces [N], scaled to the thrust spheres if rounding violates them.
 
-        Allocators of one's own end with it too (baselines/pinv.py): its arguments stay as they are.
+        Custom allocators call it too (baselines/pinv.py), so its arguments must not change.
         """
         solve_time = time.perf_counter() - start
         forces, feet = f[:N_FORCES].reshape(N_ROTORS, 3), f[N_FORCES:]
         if demand.lost.any():
-            forces = np.where(demand.lost[:, None], 0.0, forces)  # the rows hold to rounding only
+            forces = np.where(demand.lost[:, None], 0.0, forces)  # the rows hold only up to rounding
         norms = [math.sqrt(x * x + y * y + z * z) for x, y, z in forces.tolist()]
         thrust = np.array(norms)
         most = demand.robot.max_thrust
@@ -207,7 +207,7 @@ class Allocator:
         )
 
     def _cube_optimum(self, mode: Mode, program: QuadraticProgram, guess: np.ndarray | None = None) -> Optimum:
-        """The program's own optimum; its status is `PROJECTED` where it is none, or leaves the thrust spheres."""
+        """Solve the program; the status is `PROJECTED` if no optimum is found or it violates the thrust spheres."""
         x = None
         if guess is not None and len(guess) == len(program.l):
             x = closed_form(program, guess)
@@ -233,11 +233,11 @@ class Allocator:
         return Optimum(x, status if within else AllocationStatus.PROJECTED, iterations)
 
     def _within_spheres(self, mode: Mode, program: QuadraticProgram, cube: Optimum) -> Optimum:
-        """The optimum within the spheres, of the softened rows if need be, where that of the `cube` leaves them."""
+        """Compute the optimum within the spheres, with softened rows if necessary, when that of the `cube` fails."""
         x, steps = sphere_optimum(program)
         iterations = cube.iterations + steps
         if x is not None:
-            missed = cube.x is None and _largest_thrust(x) < 1.0 - SIDE_TOLERANCE  # then it is the cube's too
+            missed = cube.x is None and _largest_thrust(x) < 1.0 - SIDE_TOLERANCE  # then it is also the cube's optimum
             return Optimum(x, AllocationStatus.SOLVED if missed else AllocationStatus.PROJECTED, iterations)
         if cube.x is None:
             soft = soften(program, mode.soft_rows, price=self.config.price)
@@ -255,7 +255,7 @@ class Allocator:
         return Optimum(x, AllocationStatus.SOFTENED, iterations + steps, slack)
 
     def _hold(self, demand: Demand, previous_l: RotorForces, iterations: int, start: float) -> Allocation:
-        """The previous forces, bounded; of the feet nothing is known."""
+        """Hold the previous forces, clipped to the spheres; foot forces are set to zero."""
         feet = demand.thrust_map.shape[1] - N_FORCES
         held = np.concatenate((_bounded(previous_l, demand.robot.max_thrust).reshape(-1), np.zeros(feet)))
         unmet = np.abs(demand.wrench - demand.thrust_map @ held).max() / demand.robot.weight
@@ -263,7 +263,7 @@ class Allocator:
         return self._answer(demand, held, AllocationStatus.HELD, iterations, slack, start)
 
     def solver(self, mode: Mode, *, soft: bool = False) -> Workspace:
-        """The OSQP workspace of a mode's program, or of its softened one."""
+        """Return the OSQP workspace of a mode's program, or of its softened program."""
         key = (mode.name, soft)
         if key not in self._workspaces:
             self._workspaces[key] = Workspace(
@@ -272,12 +272,14 @@ class Allocator:
         return self._workspaces[key]
 
     def project(self, demand: Demand, forces_l: RotorForces, previous_l: RotorForces) -> Allocation:
-        """The valid forces nearest to `forces_l`: [Zhao2025, Eq. 12, 13, 30-32] and the thrust sphere hold, Eq. 10 not.
+        """Find the valid forces nearest to `forces_l`: [Zhao2025, Eq. 12, 13, 30-32] and the thrust spheres hold.
+
+        The wrench of [Zhao2025, Eq. 10] is not enforced.
 
         Args:
-            demand: The tick's demand; its wrench is what the answer's unallocated wrench refers to.
-            forces_l: Wished forces in link axes [N].
-            previous_l: Forces to hold where none are valid, or a number is not finite [N].
+            demand: The tick's demand; `unallocated_wrench` of the result refers to its wrench.
+            forces_l: Desired forces in link axes [N].
+            previous_l: Forces to hold if no forces are valid or a number is not finite [N].
         """
         start = time.perf_counter()
         with np.errstate(all="ignore"):
@@ -286,7 +288,7 @@ class Allocator:
             except ValueError:
                 return self._hold(demand, previous_l, 0, start)
             optimum = self._cube_optimum(PROJECTION, program)
-            if optimum.status is AllocationStatus.PROJECTED:  # here the spheres are part of what is asked
+            if optimum.status is AllocationStatus.PROJECTED:  # here the spheres are part of the problem
                 x, steps = sphere_optimum(program)
                 optimum = Optimum(x, AllocationStatus.SOLVED, optimum.iterations + steps)
             if optimum.x is None:
@@ -295,13 +297,13 @@ class Allocator:
 
 
 def _largest_thrust(x: np.ndarray) -> float:
-    """The largest ‖f_i‖, in units of λ̄."""
-    f = x.tolist()  # a third of the time of numpy for so few
+    """Compute the largest ‖f_i‖, in units of λ̄."""
+    f = x.tolist()  # a third of numpy's time for so few numbers
     return math.sqrt(max([f[i] * f[i] + f[i + 1] * f[i + 1] + f[i + 2] * f[i + 2] for i in range(0, N_FORCES, 3)]))
 
 
 def _bounded(forces_l: RotorForces, most: float) -> RotorForces:
-    """The forces with zeros for what is not finite, within the sphere."""
+    """Replace numbers that are not finite by zeros and clip the forces to the sphere."""
     finite = np.where(np.isfinite(forces_l), forces_l, 0.0)
     norm = np.linalg.norm(finite, axis=1)
     return finite * np.minimum(1.0, most / np.maximum(norm, LEAST_NORM))[:, None]

@@ -19,7 +19,7 @@ from spidar_gym.robot import N_JOINTS, N_ROTORS
 
 
 def torque_map(snapshot: Snapshot) -> np.ndarray:
-    """T, shape (16, 24): Σ J_rᵀ f of forces in link axes, the thrust's share of [Zhao2025, Eq. 5]."""
+    """Compute T, shape (16, 24): Σ J_rᵀ f of forces in link axes, the thrust's share of [Zhao2025, Eq. 5]."""
     T = snapshot.R_bl.transpose(0, 2, 1) @ snapshot.J_rotor
     return T.transpose(2, 0, 1).reshape(N_JOINTS, N_FORCES)
 
@@ -73,12 +73,12 @@ class WrenchBalance(Constraint):
 class ThrustBox(Constraint):
     """−λ̄ ≤ f_{i,j} ≤ λ̄ [Zhao2025, Eq. 12]: the paper's cube, wider than the sphere ‖f‖ ≤ λ̄ at its corners.
 
-    Differs from [Zhao2025, Eq. 12]: the cube has its edges along the link's axes, as flown on the robot, because there
-    its rows are constant.
+    Differs from [Zhao2025, Eq. 12]: the cube has its edges along the link's axes, as flown on the robot, because its
+    rows are constant in these axes.
     """
 
     limit: float = math.inf
-    """λ̄ [N]; the robot's own if not given."""
+    """λ̄ [N]; the robot's by default."""
     pattern: ClassVar[np.ndarray] = np.eye(N_FORCES, N_UNKNOWNS, dtype=bool)
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
@@ -98,11 +98,11 @@ class JointTorqueLimit(Constraint):
     """−τ̄_q ≤ τ_q ≤ τ̄_q with the quasi-static τ_q = g − T f [Zhao2025, Eq. 11, 13]."""
 
     limit: float = math.inf
-    """τ̄_q [Nm]; the robot's own if not given."""
+    """τ̄_q [Nm]; the robot's by default."""
     soft: ClassVar[bool] = True
     pattern: ClassVar[np.ndarray] = np.array(
-        # A rotor loads the joints between the torso and its link: two for an inner link, all four for an outer one;
-        # a foot those of its leg.
+        # A rotor loads the joints between the torso and its link: two for an inner link, all four for an outer one. A
+        # foot loads the four joints of its leg.
         [
             [c // 6 == j // 4 and (c // 3 % 2 == 1 or j % 4 < 2) for c in range(N_FORCES)]
             + [c // 3 == j // 4 for c in range(N_UNKNOWNS - N_FORCES)]
@@ -147,7 +147,7 @@ class VectoringLock(Constraint):
 
 @dataclass(frozen=True)
 class InterferenceBound(Constraint):
-    """μ̲ ≤ θ ≤ μ̄ as two linear rows a rotor, {inf}f_x ≥ 0 and {sup}f_x ≤ 0 [Zhao2025, Eq. 28-31].
+    """μ̲ ≤ θ ≤ μ̄ as two linear rows per rotor, {inf}f_x ≥ 0 and {sup}f_x ≤ 0 [Zhao2025, Eq. 28-31].
 
     {inf} and {sup} have their z axes along the bounds, so {μ}f_x = ‖f‖ sin(θ − μ). Differs from [Zhao2025, Eq. 30, 31]:
     the paper prints the opposite signs, with which the forbidden side would be the admissible one.

@@ -1,8 +1,8 @@
-"""The optimum within the thrust spheres, or a proof that there is none: a primal-dual interior-point method.
+"""Primal-dual interior-point method: finds the optimum within the thrust spheres, or proves that there is none.
 
 A pure function of the program: no state, a fixed start, a bounded number of steps. Every inequality is g(x) + s = c z
-with s, z ≥ 0 and s z → 0, where g is a x − u or l − a x for the side of a row and ½ (‖f_i‖² − 1) for a sphere; a row
-with a compliance c > 0 gives way by c z. Equalities are the same without s.
+with s, z ≥ 0 and s z → 0, where g is a x − u or l − a x for the side of a row and ½ (‖f_i‖² − 1) for a sphere. A row
+with a compliance c > 0 may be violated by c z. Equalities are the same without s.
 """
 
 import numpy as np
@@ -12,19 +12,19 @@ from spidar_gym.control.allocation.problem import INFINITY, N_FORCES, QuadraticP
 from spidar_gym.robot import N_ROTORS
 
 MAX_STEPS = 40
-"""Newton steps; ten are usual."""
+"""Largest number of Newton steps; ten are usual."""
 ROWS, PRODUCT, GRADIENT = 1e-9, 1e-11, 1e-7
-"""What an optimum may miss: rows and spheres, the mean of s z, the gradient of the Lagrangian."""
+"""Tolerances of an optimum: rows and spheres, the mean of s z, the gradient of the Lagrangian."""
 LOOSE = 300.0
-"""How many times as much the best step may miss where rounding ends the way: where the feasible set has no inside."""
+"""Factor on the tolerances if rounding stops the iteration, as in feasible sets without interior."""
 PROOF = 1e-9
-"""Share of its multipliers by which a proof has to hold."""
+"""A proof of infeasibility must hold by this share of the sum of its multipliers."""
 FAR = 1e3
-"""No floor presses a foot with more than this, in units of λ̄."""
+"""Largest force of the floor on a foot that is considered, in units of λ̄."""
 SHORT = 0.995
-"""Share of the way to the border that a step may go."""
+"""Largest share of the distance to the boundary of s, z ≥ 0 that a step may cover."""
 TINY = 1e-12
-"""Compliance that tells equalities apart which say the same."""
+"""Compliance that regularises linearly dependent equalities."""
 _NO_ROWS = np.zeros(0, int)
 _FORCE, _ROTOR = np.arange(N_FORCES), np.arange(N_FORCES) // 3
 
@@ -32,25 +32,25 @@ _FORCE, _ROTOR = np.arange(N_FORCES), np.arange(N_FORCES) // 3
 def sphere_optimum(
     program: QuadraticProgram, soft: np.ndarray = _NO_ROWS, price: float = 1.0
 ) -> tuple[np.ndarray | None, int]:
-    """The optimum of a program whose rotor forces have to stay within the sphere ‖f_i‖ ≤ λ̄ besides.
+    """Solve a program whose rotor forces must also stay within the spheres ‖f_i‖ ≤ λ̄.
 
     Args:
         program: The program; its first 24 unknowns are the rotor forces in units of λ̄.
-        soft: Rows that may be broken by v at the cost ½ `price` v².
-        price: What that costs.
+        soft: Rows that may be violated by v at the cost ½ `price` v².
+        price: Price of a violation.
 
     Returns:
-        x and the number of Newton steps; None for x where nothing is feasible, or no optimum was found.
+        x and the number of Newton steps; x is None if the program is infeasible or no optimum was found.
     """
     l, u, hard = program.l, program.u, np.ones(len(program.l), bool)
     hard[soft] = False
-    far = _reach(program.A)  # a side beyond what the spheres let a row reach is idle: the cube's, above all
+    far = _reach(program.A)  # bounds that no forces within the spheres can reach are idle, such as the cube's
     if ((l > far) | (u < -far))[hard].any():
         return None, 0
     equal, upper, lower = (np.flatnonzero(side) for side in (l == u, (l != u) & (u < far), (l != u) & (-l < far)))
     E, b = program.A[equal], l[equal]
     G, h = np.concatenate((program.A[upper], -program.A[lower])), np.concatenate((u[upper], -l[lower]))
-    # A unit of cost in which multipliers are of the order of one.
+    # Unit of the cost in which the multipliers are of the order of one.
     largest = max(1.0, np.abs(b).max(initial=0.0), np.abs(h).max(initial=0.0))
     unit = max(1.0, np.abs(program.q).max(), 0.0 if hard.all() else price * largest)
     P, q, give = program.P / unit, program.q / unit, np.where(hard, 0.0, unit / price)
@@ -76,7 +76,7 @@ def sphere_optimum(
             best, found = left, x
         if best < 1.0 or not left < INFINITY:
             break
-        # Farkas: where all holds, pull·x ≤ b·y + h·z; but within the spheres pull·x ≥ −Σ ‖pull_i‖.
+        # Farkas: a feasible x satisfies pull·x ≤ b·y + h·z; but within the spheres pull·x ≥ −Σ ‖pull_i‖.
         proof = b @ y + h @ z[:rows] + _reach(pull[None])[0]
         if hard.all() and proof < -PROOF * (np.abs(y).sum() + z[:rows].sum()):
             return None, step
@@ -88,7 +88,7 @@ def sphere_optimum(
         if info != 0:
             break
         product, d, dz, ds, length = s * z, q, z, s, 1.0
-        for aimed in (False, True):  # straight ahead first; how far that leads tells what to aim at
+        for aimed in (False, True):  # predictor, then corrector: the predictor's length determines the centring
             push = D * (miss - product / z)
             d, _ = dgetrs(factors, pivots, np.concatenate((gradient + J.T @ push, off)))
             dz = push - D * (J @ d[:n])
@@ -96,12 +96,12 @@ def sphere_optimum(
             length = min(1.0, (SHORT if aimed else 1.0) / max((-dz / z).max(), (-ds / s).max(), SHORT))
             if not aimed:
                 left_over = float((s + length * ds) @ (z + length * dz)) / len(s) / mean
-                product = product - mean * left_over**3 + length**2 * ds * dz  # whole, it may lead in circles
+                product = product - mean * left_over**3 + length**2 * ds * dz  # with length² to avoid cycling
         x, y, z, s = x - length * d[:n], y - length * d[n:], z + length * dz, s + length * ds
     return found, step
 
 
 def _reach(A: np.ndarray) -> np.ndarray:
-    """Σ ‖a_i‖ of each row, shape (m,): no forces within the spheres bring a x beyond it."""
+    """Compute Σ ‖a_i‖ of each row, shape (m,): the largest |a x| of forces within the spheres."""
     blocks = A[:, :N_FORCES].reshape(len(A), N_ROTORS, 3)
     return np.sqrt(np.einsum("rij,rij->ri", blocks, blocks)).sum(axis=1) + FAR * np.abs(A[:, N_FORCES:]).sum(axis=1)

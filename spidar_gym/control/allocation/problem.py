@@ -1,9 +1,9 @@
-"""The allocation as a quadratic program with a fixed pattern: blocks state costs and rows, `assemble` stacks them.
+"""The allocation as a quadratic program with a fixed pattern: blocks define costs and rows, `assemble` stacks them.
 
-Nothing here solves. The unknowns are the rotor forces in link axes, divided by λ̄: x = f / λ̄, 24 numbers. Where the feet
-carry the robot, 12 more follow: the forces of the floor on the four feet, floor axes, in the same unit. Rows and costs
-are scaled to physical units of the robot (wrench / mΣ g, torque / τ̄_q), because a first-order solver's accuracy depends
-on scaling more than on anything else, and because the solver's own scaling would make a tick depend on the one before.
+The unknowns are the rotor forces in link axes, divided by λ̄: x = f / λ̄, 24 numbers. If the feet carry the robot, 12
+more follow: the forces of the floor on the four feet, floor axes, in the same unit. Rows and costs are scaled by
+physical units of the robot (wrench / mΣ g, torque / τ̄_q), because the accuracy of a first-order solver depends mostly
+on scaling, and because the solver's own scaling would make a tick depend on the previous one.
 """
 
 from dataclasses import dataclass, field, replace
@@ -18,17 +18,17 @@ from spidar_gym.arrays import JointVector, LegMask, Matrix3, RotorMask, RotorVec
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT, RobotSpec
 
 N_FORCES = 3 * N_ROTORS
-"""Unknowns of a mode in which the feet carry nothing."""
+"""Number of unknowns of a mode without foot forces."""
 N_UNKNOWNS = N_FORCES + 3 * N_LEGS
-"""Unknowns of a mode in which they do."""
+"""Number of unknowns of a mode with foot forces."""
 FORCE_SCALE = ROBOT.max_thrust
-"""Unit of the unknowns [N], of the nominal robot; of any `demand.robot.max_thrust`."""
+"""Unit of the unknowns for the nominal robot [N]; in general `demand.robot.max_thrust`."""
 WRENCH_SCALE = ROBOT.weight
-"""Unit of wrench rows [N and Nm], of the nominal robot; of any `demand.robot.weight`."""
+"""Unit of wrench rows for the nominal robot [N and Nm]; in general `demand.robot.weight`."""
 TORQUE_SCALE = ROBOT.max_joint_torque
-"""Unit of joint torque rows [Nm], of the nominal robot; of any `demand.robot.max_joint_torque`."""
+"""Unit of joint torque rows for the nominal robot [Nm]; in general `demand.robot.max_joint_torque`."""
 INFINITY = 1e30
-"""A bound that is none, in the solver's convention."""
+"""Value of an infinite bound, in the solver's convention."""
 
 
 _NONE_LOST, _ALL_LIFTED = constant(False, N_ROTORS), constant(True, N_LEGS)
@@ -38,20 +38,20 @@ _LEVEL.flags.writeable = False
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """What one tick asks of the allocation: everything that the blocks may read."""
+    """Inputs of the allocation in one tick: everything that the blocks may read."""
 
     wrench: Wrench
-    """Desired wrench w^d in {CoG} [N, Nm]; on the ground what holds the weight."""
+    """Desired wrench w^d in {CoG} [N, Nm]; on the ground the wrench that holds the weight."""
     thrust_map: Float[np.ndarray, "6 n"]
-    """Q: forces → wrench in {CoG}; 24 columns for the rotors in link axes, and 12 for the feet where they carry."""
+    """Q: forces → wrench in {CoG}; 24 columns for the rotors in link axes, and 12 for the feet if they carry."""
     torque_map: Float[np.ndarray, "16 n"]
-    """T: forces → joint torque that they take off the servos; τ_q = g − T f."""
+    """T: forces → joint torque that the forces provide; τ_q = g − T f."""
     gravity_torque: JointVector
     """g: joint torque that holds the links without thrust [Nm]."""
     locked: RotorMask
     """Rotors whose φ is held."""
     phi: RotorVector
-    """Where it is held [rad]."""
+    """Held φ of the locked rotors [rad]."""
     restricted: RotorMask
     """Rotors restricted by interference, 𝓘."""
     lower: RotorVector
@@ -59,17 +59,17 @@ class Demand:
     upper: RotorVector
     """Upper bounds of θ [rad], read where restricted."""
     lost: RotorMask = field(default_factory=lambda: _NONE_LOST)
-    """Rotors that give no force."""
+    """Rotors without force."""
     lifted: LegMask = field(default_factory=lambda: _ALL_LIFTED)
-    """Legs whose joint torque counts; what a leg on the ground feels is between it and the floor."""
+    """Legs whose joint torque is allocated; that of other legs depends on floor forces that are not modelled."""
     com_b: Vector3 = field(default_factory=lambda: _ORIGIN)
-    """CoG seen from the torso's origin [m]: takes a wrench from {CoG} to {B}."""
+    """Position of the CoG from the torso's origin [m], which transforms a wrench from {CoG} to {B}."""
     R_bf: Matrix3 = field(default_factory=lambda: _LEVEL)
-    """Axes of the floor, seen from the torso."""
+    """Rotation from floor axes to torso axes."""
     effort: RotorVector = field(default_factory=lambda: _ALIKE)
-    """Weight of each rotor's ‖f‖² where power is to be saved."""
+    """Weight of each rotor's ‖f‖² in the power cost."""
     robot: RobotSpec = ROBOT
-    """Whose forces they are: its limits are the units of unknowns and rows, and what blocks bound."""
+    """The robot; its limits are the units of unknowns and rows, and default bounds of the blocks."""
 
 
 _ROTORS, _JOINTS = np.zeros(N_ROTORS), np.zeros(N_JOINTS)
@@ -78,7 +78,7 @@ NO_DEMAND = Demand(
     gravity_torque=_JOINTS, locked=_ROTORS > 0, phi=_ROTORS, restricted=_ROTORS > 0, lower=_ROTORS, upper=_ROTORS,
     lost=_ROTORS > 0,
 )  # fmt: skip
-"""A demand of zeros: what constant blocks are handed, which read nothing of it but the robot."""
+"""A demand of zeros for constant blocks, which read only its robot."""
 
 
 @runtime_checkable
@@ -86,7 +86,7 @@ class Cost(Protocol):
     """A term ½‖W x − r‖² of the objective."""
 
     constant: ClassVar[bool] = False
-    """Whether it is the same at every tick of a robot; then it is added once."""
+    """Whether the term is the same at every tick of a robot; then it is added once."""
 
     def add(self, demand: Demand, P: np.ndarray, q: np.ndarray) -> None:
         """Add WᵀW to P, shape (n, n), and −Wᵀr to q, shape (n,)."""
@@ -94,17 +94,17 @@ class Cost(Protocol):
 
 @runtime_checkable
 class Constraint(Protocol):
-    """Rows l ≤ A x ≤ u; their number and pattern never change, an idle row has infinite bounds."""
+    """Rows l ≤ A x ≤ u. Their number and pattern never change; an idle row has infinite bounds."""
 
     pattern: ClassVar[np.ndarray]
     """Where A may be nonzero, shape (m, 36) of bool; modes without foot forces use its first 24 columns."""
     soft: ClassVar[bool] = False
     """Whether the fallback may violate these rows at a price."""
     constant: ClassVar[bool] = False
-    """Whether they are the same at every tick of a robot; then they are written once."""
+    """Whether the rows are the same at every tick of a robot; then they are written once."""
 
     def write(self, demand: Demand, A: np.ndarray, l: np.ndarray, u: np.ndarray) -> None:
-        """Write the rows into A, shape (m, n), l and u, shape (m,), which come idle: zero and unbounded."""
+        """Write the rows into A, shape (m, n), l and u, shape (m,), which are idle before: zero and unbounded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,11 +123,11 @@ class QuadraticProgram:
     """Upper bounds."""
 
     def objective(self, x: Float[np.ndarray, " n"]) -> float:
-        """Value at x."""
+        """Compute the value at x."""
         return float(x @ (0.5 * (self.P @ x) + self.q))
 
     def violation(self, x: Float[np.ndarray, " n"]) -> float:
-        """Largest violation of a row at x; 0 where all hold."""
+        """Compute the largest violation of a row at x; 0 if all rows hold."""
         r = self.A @ x
         return float(max(np.max(self.l - r), np.max(r - self.u), 0.0))
 
@@ -137,19 +137,19 @@ class Mode:
     """A locomotion mode: a tuple of costs and a tuple of constraints."""
 
     name: str
-    """What the mode is called in a `Reference`."""
+    """Name of the mode in a `Reference`."""
     costs: tuple[Cost, ...]
     """Terms of the objective."""
     constraints: tuple[Constraint, ...]
     """Blocks of rows."""
     avoid_interference: bool = True
-    """Whether rotors are restricted at all."""
+    """Whether rotors are restricted by interference."""
     feet_carry: bool = False
     """Whether the forces on the feet are unknowns too."""
 
     @property
     def size(self) -> int:
-        """How many unknowns."""
+        """Number of unknowns."""
         return N_UNKNOWNS if self.feet_carry else N_FORCES
 
     @cached_property
@@ -159,11 +159,11 @@ class Mode:
 
     @cached_property
     def _idle(self) -> dict[RobotSpec, tuple[np.ndarray, ...]]:
-        """By robot, what `idle` has found."""
+        """Results of `idle` by robot."""
         return {}
 
     def idle(self, robot: RobotSpec = ROBOT) -> tuple[np.ndarray, ...]:
-        """P, q, A, l, u with what never changes for a robot; the rest is zero and unbounded."""
+        """Return P, q, A, l, u with the constant blocks of a robot; other rows are zero and unbounded."""
         if robot not in self._idle:
             self._idle[robot] = self._write_idle(replace(NO_DEMAND, robot=robot))
         return self._idle[robot]
@@ -182,7 +182,7 @@ class Mode:
 
     @cached_property
     def varying(self) -> tuple[tuple[Cost, ...], tuple[tuple[Constraint, slice], ...]]:
-        """Costs and constraints (with their rows) that a tick has to write."""
+        """Costs and constraints (with their rows) that change from tick to tick."""
         blocks = zip(self.constraints, self.slices, strict=True)
         return (
             tuple(cost for cost in self.costs if not cost.constant),
@@ -203,7 +203,7 @@ class Mode:
 
 
 def assemble(mode: Mode, demand: Demand) -> QuadraticProgram:
-    """The program of one tick: [Zhao2025, Eq. 9] and its constraints, as the mode's blocks state them."""
+    """Assemble the program of one tick from the mode's blocks: [Zhao2025, Eq. 9] and its constraints."""
     P, q, A, l, u = (array.copy() for array in mode.idle(demand.robot))
     costs, constraints = mode.varying
     for cost in costs:
@@ -214,7 +214,7 @@ def assemble(mode: Mode, demand: Demand) -> QuadraticProgram:
 
 
 def soften(program: QuadraticProgram, rows: np.ndarray, *, price: float) -> QuadraticProgram:
-    """The same program where `rows` may be violated by slacks s at the cost ½ `price` ‖s‖²; unknowns (x, s)."""
+    """Build a program whose `rows` may be violated by slacks s at the cost ½ `price` ‖s‖²; unknowns (x, s)."""
     n, k, m = len(program.q), len(rows), len(program.l)
     P = np.zeros((n + k, n + k))
     P[:n, :n] = program.P

@@ -1,7 +1,7 @@
-"""Two ways to solve a quadratic program: OSQP in a persistent, cold-started workspace, and a certified closed form.
+"""Two solvers of a quadratic program: OSQP in a persistent, cold-started workspace, and a certified closed form.
 
-Both are pure functions of the program: the workspace starts cold, with the same ρ, and without the solver's own
-scaling, whose state would otherwise leak from one tick into the next.
+Both are pure functions of the program. The workspace starts cold, with the same ρ, and without OSQP's scaling, whose
+state would make a tick depend on the previous one.
 """
 
 from typing import NamedTuple
@@ -16,37 +16,37 @@ from spidar_gym.control.allocation.problem import INFINITY, N_FORCES, N_UNKNOWNS
 DUAL_TOLERANCE = 1e-7
 """A row whose multiplier is larger than this counts as active, in scaled units."""
 OSQP_SOLVED, OSQP_INFEASIBLE, OSQP_MAX_ITER = 1, 3, 7
-"""The solver's own words; the tests hold them against `osqp.SolverStatus`."""
+"""Status values of the solver; the tests compare them with `osqp.SolverStatus`."""
 RHO, OTHER_RHO = 1.0, 10.0
-"""First step size of the solver, and the one it is given for a second attempt."""
+"""Initial step sizes of the solver for the first and for the second attempt."""
 SETTINGS = {
     "verbose": False, "scaling": 0, "warm_starting": False, "polishing": False, "rho": RHO, "adaptive_rho": True,
     "adaptive_rho_interval": 25, "check_termination": 25, "eps_rel": 0.0,
 }  # fmt: skip
-"""The solver's settings here and on the robot, tolerance and iteration cap aside."""
+"""The solver's settings in simulation and on the robot, except tolerance and iteration cap."""
 ROUNDS, MORE_ROUNDS = 3, 8
-"""How many systems the closed form solves before it gives up: for a guess, and after a solver."""
+"""Largest number of systems that the closed form solves: for a guess, and after a solver."""
 ROW_TOLERANCE = 1e-9
 """Largest violation of a row by the closed form, in scaled units."""
 
 
 class Solution(NamedTuple):
-    """What the solver says of a program."""
+    """Result of the solver."""
 
     x: np.ndarray
     """The unknowns, in scaled units."""
     solved: bool
-    """Whether it says that they are the optimum."""
+    """Whether the solver converged to the optimum."""
     iterations: int
-    """How many it took."""
+    """Number of iterations."""
     duals: np.ndarray
-    """Multipliers of the rows; zero where it found none."""
+    """Multipliers of the rows; zero if the solver found none."""
     infeasible: bool
-    """Whether it proved that there is no solution."""
+    """Whether the solver proved that there is no solution."""
 
 
 class Workspace:
-    """An OSQP instance for one pattern; `solve` depends on its arguments only."""
+    """An OSQP instance for one pattern; the result of `solve` depends only on its arguments."""
 
     def __init__(self, P_pattern: np.ndarray, A_pattern: np.ndarray, *, max_iter: int, tolerance: float) -> None:
         """Factorise a program with the given patterns.
@@ -69,7 +69,7 @@ class Workspace:
         self._solver = ext.OSQPSolver(self._matrices[0], np.zeros(n), self._matrices[1], -wide, wide, m, n, settings)
 
     def solve(self, program: QuadraticProgram, *, rho: float = RHO) -> Solution:
-        """One cold-started solution with the first step size `rho`."""
+        """Solve a program from a cold start with the initial step size `rho`."""
         solver, nothing = self._solver, np.zeros(len(program.l))
         if solver.update_data_vec(q=program.q, l=program.l, u=program.u) or solver.update_data_mat(
             P_x=program.P.take(self._P_at), P_i=None, A_x=program.A.take(self._A_at), A_i=None
@@ -82,13 +82,13 @@ class Workspace:
         status = info.status_val
         if rho != RHO or info.rho_updates or status != OSQP_SOLVED:
             solver.update_rho(RHO)
-        # Where it found none, the solver's NaN is a large finite number.
+        # Without a solution the duals are OSQP's NaN, which is a large finite number.
         duals = solution.y.copy() if status in (OSQP_SOLVED, OSQP_MAX_ITER) else nothing
         return Solution(solution.x.copy(), status == OSQP_SOLVED, info.iter, duals, status == OSQP_INFEASIBLE)
 
 
 def patterns(mode: Mode, *, soft: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Where P and A of a mode's program, or of its softened one, may be nonzero."""
+    """Compute where P and A of a mode's program, or of its softened program, may be nonzero."""
     # The two rotors and the foot of a leg share its joints, others do not.
     block = np.concatenate((np.arange(N_FORCES) // 6, np.arange(N_UNKNOWNS - N_FORCES) // 3))[: mode.size]
     P, A = block[:, None] == block[None], mode.pattern
@@ -101,20 +101,20 @@ def patterns(mode: Mode, *, soft: bool = False) -> tuple[np.ndarray, np.ndarray]
 
 
 class SparseProgram(NamedTuple):
-    """The program that a workspace begins with, and where its numbers stand in the dense matrices."""
+    """The initial program of a workspace, and the indices of its entries in the dense matrices."""
 
     P: sp.csc_matrix
     """Upper triangle of the identity."""
     A: sp.csc_matrix
     """Ones."""
     P_at: np.ndarray
-    """Places of the numbers of P in the dense matrix (n, n), flat."""
+    """Flat indices of the entries of P in the dense matrix (n, n)."""
     A_at: np.ndarray
-    """Places of those of A in the dense matrix (m, n), flat."""
+    """Flat indices of the entries of A in the dense matrix (m, n)."""
 
 
 def sparse(P_pattern: np.ndarray, A_pattern: np.ndarray) -> SparseProgram:
-    """The first program of a workspace for these patterns."""
+    """Build the initial program of a workspace for these patterns."""
     m, n = A_pattern.shape
     P_rows, P_columns = _by_columns(np.triu(P_pattern))
     A_rows, A_columns = _by_columns(A_pattern)
@@ -125,7 +125,7 @@ def sparse(P_pattern: np.ndarray, A_pattern: np.ndarray) -> SparseProgram:
 
 
 def _by_columns(pattern: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the nonzeros, column after column, as the solver stores them."""
+    """Return rows and columns of the nonzeros, column after column, as the solver stores them."""
     columns, rows = np.nonzero(pattern.T)
     return rows, columns
 
@@ -133,16 +133,16 @@ def _by_columns(pattern: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def closed_form(
     program: QuadraticProgram, duals: np.ndarray | None = None, *, rounds: int = ROUNDS
 ) -> np.ndarray | None:
-    """The optimum where a good guess of the active rows is enough, else None.
+    """Compute the optimum from a guess of the active rows; None if no guess meets the KKT conditions.
 
-    Solves the KKT system of the rows taken for active. A point that satisfies every row, with multipliers of the right
-    sign on those rows, satisfies all KKT conditions: it is the optimum, to rounding. If it does not, the rows that it
-    violates are taken for active, those whose multiplier has the wrong sign for idle, and the system is solved again.
+    Solves the KKT system of the rows assumed active. A point that satisfies every row, with multipliers of the right
+    sign on the active rows, satisfies all KKT conditions and is the optimum, up to rounding. Otherwise violated rows
+    are added to the active rows, rows whose multiplier has the wrong sign are removed, and the system is solved again.
 
     Args:
         program: The program.
-        duals: First guess of the rows' multipliers, of which the signs count; without it, the equalities alone.
-        rounds: How many systems are solved before giving up.
+        duals: First guess of the rows' multipliers, of which only the signs are used; None for the equalities alone.
+        rounds: Largest number of systems to solve.
     """
     P, q, A, l, u = program.P, program.q, program.A, program.l, program.u
     n = len(q)
@@ -166,7 +166,7 @@ def closed_form(
         right = np.empty(size)
         np.negative(q, out=right[:n])
         right[n:] = target
-        # K is symmetric: its transpose is the same matrix in LAPACK's own order, which saves a copy.
+        # K is symmetric: its transpose is the same matrix in LAPACK's order, which saves a copy.
         _, _, solution, info = dgesv(K.T, right, overwrite_a=1, overwrite_b=1)
         if info != 0:
             return None
@@ -174,7 +174,7 @@ def closed_form(
         r = A @ x
         excess = np.maximum(l - r, r - u)
         right_sign = None if signs is None else signs * solution[n:] >= 0.0
-        if excess.max() <= ROW_TOLERANCE and (right_sign is None or right_sign.all()):  # a NaN is not
+        if excess.max() <= ROW_TOLERANCE and (right_sign is None or right_sign.all()):  # False for NaN
             return x
         violated = np.flatnonzero(~(excess <= ROW_TOLERANCE))
         above = r[violated] > u[violated]

@@ -1,1 +1,1 @@
-"""Crawling: gait, footsteps, legs, the controller on the ground, what a policy sees."""
+"""Crawling: gait, footsteps, leg kinematics, controller, observation of a policy."""

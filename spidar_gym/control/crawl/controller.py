@@ -1,4 +1,4 @@
-"""The stack on the ground: (state, residual) → command. Gait, snapshot, allocation, hand-over, vectoring, joints."""
+"""Crawl controller: (state, residual) → command, by gait, snapshot, allocation, hand-over, vectoring and joints."""
 
 import math
 from collections.abc import Iterable
@@ -35,51 +35,51 @@ from spidar_gym.so3 import CROSS, quat_to_matrix
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState, valid_residual, valid_state
 
 EFFORT_SHARE = 0.1
-"""How much of their change the weights of the power cost take over in a tick."""
+"""Share of their change by which the weights of the power cost are updated per tick."""
 _ROTOR_LEG = np.arange(N_ROTORS) // 2
 
 
 @dataclass(frozen=True)
 class CrawlerConfig:
-    """Everything that can be chosen about the crawl."""
+    """Configuration of the crawler."""
 
     gait: GaitConfig = field(default_factory=GaitConfig)
     """Footsteps and phases."""
     joint_speed: float = ROBOT.joint_speed
-    """Speed of the planned joint motion [rad/s]; the servos are told the same limit."""
+    """Speed of the planned joint motion [rad/s]; the servos have the same limit."""
     rate_hz: float = CONTROL_RATE
     """Control rate [Hz]."""
     torque_limit: float = 5.0
-    """τ̄_q of the allocation: what it leaves below the servo's limit moves the legs [Nm]."""
+    """τ̄_q of the allocation [Nm]; the margin to the servo's limit moves the legs."""
     joint_torque_limit: float = ROBOT.max_joint_torque
     """Torque that each joint servo may use [Nm]."""
     torque_weight: float = 1.0
     """w₂ of [Zhao2025, Eq. 9] [1/(Nm)²]."""
     power: bool = False
-    """Minimise Σ λ^1.5, electrical power, instead of the paper's Σ ‖f‖²."""
+    """Whether to minimise Σ λ^1.5, electrical power, instead of the paper's Σ ‖f‖²."""
     foot_friction: float = 0.6 * ROBOT.foot_friction
     """Planned friction of the feet."""
     peg_friction: float = 0.5 * ROBOT.peg_friction
     """Planned friction of the pegs."""
     min_normal: float = 10.0
-    """Least normal force of all pegs together [N]."""
+    """Smallest normal force of all pegs together [N]."""
     blend_time: float = 0.5
-    """Time in which the forces of one mode give way to those of the next [s]."""
+    """Time in which the forces fade from one mode to the next [s]."""
     feed_forward: float = 1.0
     """Share of the allocated joint torque that shifts the servos' setpoints, τ_q / k_{j,p}."""
     setpoint_filter: float = 0.0
-    """Time constant of a filter on the servos' setpoints, which takes jolts out of starts and stops [s]; 0 is off."""
+    """Time constant of a filter on the servos' setpoints, which smooths starts and stops [s]; 0 is off."""
     leg_stiffness: float = 0.0
-    """Thrust answers a lifted leg's error with this much joint torque [Nm/rad]: the paper's future work; 0 is off."""
+    """Joint torque by thrust per position error of a lifted leg [Nm/rad]: the paper's future work; 0 is off."""
     leg_damping: float = 0.0
-    """Thrust answers the rate of that error with this much joint torque [Nm s/rad]."""
+    """Joint torque by thrust per joint velocity of a lifted leg, opposed to it [Nm s/rad]."""
     allocator: AllocatorConfig = field(default_factory=AllocatorConfig)
     """Solver settings."""
     lock: LockConfig = field(default_factory=LockConfig)
     """φ lock near vertical links."""
 
     def __post_init__(self) -> None:
-        """Refuse limits that are not positive."""
+        """Raise `InvalidValueError` for limits out of range."""
         numbers = {
             name: value for name, value in vars(self).items() if isinstance(value, int | float) and name != "power"
         }
@@ -100,16 +100,16 @@ class CrawlerConfig:
 
 
 class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
-    """The crawl's controller for one robot; owns the gait, the model, the solver's work space and the memory.
+    """The crawl controller for one robot; owns the gait, the model, the solver's workspace and the memory.
 
-    A law of one's own overrides `modes`, what the allocation is asked for, or has a gait of its own.
+    A custom control law overrides `modes`, which defines the allocation, or `gait_type`.
     """
 
     gait_type: ClassVar[type[Gait]] = Gait
     """The phase machine."""
 
     def __init__(self, config: CrawlerConfig | None = None, model: Model | None = None) -> None:
-        """Build gait and allocation (`InvalidValueError` for a gait of another robot's legs than the model's)."""
+        """Build gait and allocation (`InvalidValueError` if the gait's robot is not the model's)."""
         self.config = c = config or CrawlerConfig()
         check_legs(c.gait, model)
         super().__init__(model or Model(c.gait.robot), rate_hz=c.rate_hz, joint_torque_limit=c.joint_torque_limit)
@@ -118,11 +118,11 @@ class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
         self.memory = fresh_crawl_memory(np.zeros((N_ROTORS, 2)), np.zeros(N_JOINTS))
 
     def modes(self) -> dict[str, Mode]:
-        """The allocation's modes by the names that the gait gives them."""
+        """Return the allocation's modes by the names that the gait uses."""
         return self.config.modes
 
     def reset(self, state: RobotState, commands: Iterable[GaitCommand] = ()) -> None:
-        """Forget everything: the robot lies on the floor, rotors off, and has these commands before it."""
+        """Clear the memory and queue these commands; the robot lies on the floor with its rotors off."""
         self.last_step = None
         q = state.joint_position
         self.gait.reset(state.position_w, quat_to_matrix(state.quat_wb), q)
@@ -130,15 +130,15 @@ class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
         self.memory = fresh_crawl_memory(state.vectoring.copy(), q.copy())
 
     def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
-        """One control tick.
+        """Compute the command of one control tick.
 
         Args:
-            state: What is known of the robot.
-            residual: What a policy adds; `NO_RESIDUAL` is the crawler alone. Its wrench is asked for beside the weight.
+            state: State of the robot.
+            residual: Additions of a policy; `NO_RESIDUAL` is the crawler alone. Its wrench is added to the weight's.
 
         Returns:
-            The command for the next control period. A state that is not finite is answered with the last command, a
-            residual that is not finite is left out.
+            The command for the next control period. If the state is not finite, the last command is repeated. A
+            residual that is not finite is ignored.
         """
         memory, config = self.memory, self.config
         if not valid_state(state):
@@ -186,15 +186,15 @@ class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
 
     @property
     def done(self) -> bool:
-        """Whether every command is carried out and the forces of the last mode have faded."""
+        """Whether every command is executed and the forces of the last mode have faded."""
         return self.gait.done and self.memory.gap == 0.0
 
     def observe(self, observables: CrawlObservables, *, bound: np.ndarray) -> np.ndarray:
-        """What a policy sees; see `observation.observe_crawl`."""
+        """Compute the observation of a policy; see `observation.observe_crawl`."""
         return observe_crawl(observables, self.gait.memory, self.memory, bound=bound)
 
     def _more(self, demand: Demand, snapshot: Snapshot, allocation: Allocation, residual: Residual) -> Allocation:
-        """The allocation with a policy's forces, moved to the nearest valid point; the floor's forces as they were."""
+        """Add a policy's forces to the allocation and move them to the nearest valid point; foot forces stay fixed."""
         wish = np.zeros((N_ROTORS, 3)) if residual.forces_l is None else residual.forces_l
         if residual.leg_forces_b is not None:
             shares = 0.5 * np.repeat(residual.leg_forces_b, 2, axis=0)
@@ -219,14 +219,14 @@ class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
         self, state: RobotState, plan: JointVector, R_wb: Matrix3, snapshot: Snapshot, feet: Feet, mode: str,
         lifted: np.ndarray, residual: Residual,
     ) -> tuple[Demand, Lock]:  # fmt: skip
-        """What the allocation is asked, and the rotors whose φ is held."""
+        """Build the allocation's demand and update the φ lock."""
         memory, config = self.memory, self.config
         nominal = nominal_vectoring(snapshot.R_bl, memory.vectoring)
         lock = update_lock(memory.lock, ALL_FREE, nominal, snapshot, memory.vectoring[:, 0], config=config.lock)
         gravity = snapshot.gravity_torque
         if mode in ("leg", "legs") and (config.leg_stiffness or config.leg_damping):
             wish = config.leg_stiffness * (plan - state.joint_position) - config.leg_damping * state.joint_velocity
-            # It comes in as the mode does.
+            # The feedback fades in with the mode.
             arrived = 1.0 - memory.gap if mode == memory.mode else 0.0
             gravity = gravity + np.where(np.repeat(lifted, 4), arrived * wish, 0.0)
         Q, T = thrust_map(snapshot.R_bl, snapshot.rotor_c), torque_map(snapshot)
@@ -247,7 +247,7 @@ class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
 
 
 def check_legs(gait: GaitConfig, model: Model | None) -> None:
-    """Refuse a gait whose legs are not those of the model (`InvalidValueError`)."""
+    """Raise `InvalidValueError` if the gait's robot is not the model's."""
     if model is not None and model.robot != gait.robot:
         raise InvalidValueError(
             "gait.robot", f"{gait.robot.total_mass:.4g} kg", "the robot of the model: presets.for_robot(config, robot)"
@@ -257,17 +257,17 @@ def check_legs(gait: GaitConfig, model: Model | None) -> None:
 def with_feet(
     Q: np.ndarray, T: np.ndarray, snapshot: Snapshot, feet: Feet, R_bf: Matrix3
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Maps of rotor and foot forces to the wrench in {CoG} (6, 36) and to joint torque (16, 36).
+    """Build the maps of rotor and foot forces to the wrench in {CoG} (6, 36) and to joint torque (16, 36).
 
     The quasi-static joint torque with contact is τ_q = g − Σ J_rᵀ f − Σ J_cᵀ f_c: [Zhao2025, Eq. 5] with the floor's
-    forces on the feet, which act where the ball touches, straight below its centre.
+    forces on the feet, which act at the contact point straight below the centre of the ball.
 
     Args:
         Q: Rotor forces in link axes → wrench (6, 24).
         T: Rotor forces in link axes → joint torque (16, 24).
         snapshot: Model quantities.
-        feet: Where the feet are.
-        R_bf: Axes of the floor, in which foot forces are given, seen from the torso.
+        feet: Positions and Jacobians of the feet.
+        R_bf: Rotation from floor axes, in which foot forces are expressed, to torso axes.
     """
     wide_Q, wide_T = np.empty((6, N_UNKNOWNS)), np.empty((N_JOINTS, N_UNKNOWNS))
     wide_Q[:, :N_FORCES], wide_T[:, :N_FORCES] = Q, T
@@ -275,7 +275,7 @@ def with_feet(
     lever = (feet.position_b - snapshot.com_b - radius * R_bf[:, 2]) @ CROSS
     wide_Q[:3, N_FORCES:] = np.tile(R_bf, N_LEGS)
     wide_Q[3:, N_FORCES:] = (lever.reshape(N_LEGS, 3, 3) @ R_bf).transpose(1, 0, 2).reshape(3, 3 * N_LEGS)
-    # The ball turns with its link: ∂(touching point)/∂q = J_c − r [axis × n].
+    # The ball turns with its link: ∂(contact point)/∂q = J_c − r [axis × n].
     turn = np.cross(snapshot.joint_axes.T, -radius * R_bf[:, 2]).T
     J = feet.J + turn * (np.abs(feet.J).sum(axis=1, keepdims=True) > 0.0)
     wide_T[:, N_FORCES:] = np.einsum("lij,ik->jlk", J, R_bf).reshape(N_JOINTS, 3 * N_LEGS)

@@ -1,4 +1,4 @@
-"""Footsteps of the crawl: start pose, commands, reach, how many cycles a way takes [Zhao2025, Sec. Crawling Gait]."""
+"""Footsteps of the crawl: start pose, commands, reach, number of cycles of a move [Zhao2025, Sec. Crawling Gait]."""
 
 import math
 from dataclasses import dataclass
@@ -10,68 +10,68 @@ from spidar_gym.errors import InvalidValueError, require_name, require_not_negat
 from spidar_gym.robot import ROBOT, RobotSpec
 
 STRIDES = ("centred", "home")
-"""`centred`: feet go to home ± ½ stride round the torso; `home`: from home to home + stride, as in the lab's code."""
+"""`centred`: feet move between home ± ½ stride; `home`: feet move from home to home + stride, as in the lab's code."""
 MOST_STRIDE = 20.0
-"""The largest stride is looked for up to this share of a way."""
+"""Upper limit of the search for the largest stride, as a multiple of the displacement."""
 BISECTIONS = 24
-"""How often its interval is halved."""
+"""Number of bisections in that search."""
 
 
 @dataclass(frozen=True)
 class GaitConfig:
-    """What the gait is made of."""
+    """Configuration of the gait."""
 
     inner: float = -0.55
-    """Start pose, inner pitch: the feet's home is where this pose has them, on the floor [rad]."""
+    """Inner pitch of the start pose, which defines the feet's home on the floor [rad]."""
     outer: float = 1.32
-    """Start pose, outer pitch [rad]."""
+    """Outer pitch of the start pose [rad]."""
     stride: str = "centred"
-    """Where feet go: one of `STRIDES`."""
+    """Stride scheme, one of `STRIDES`."""
     max_distance: float = 0.2
-    """Longest way of a cycle [m]; the reach may allow less."""
+    """Longest displacement of a cycle [m]; the reach may allow less."""
     max_turn: float = 0.5
     """Largest turn of a cycle [rad]."""
     raise_angle: float = 0.1
     """The inner pitch rises this far above the higher of start and end of the step [rad] [JSK]."""
     lift_height: float = 0.1
-    """The torso moves at this height above where it lay [m] [Zhao2025, Sec. Crawling Motion]."""
+    """The torso moves at this height above its lying position [m] [Zhao2025, Sec. Crawling Motion]."""
     press: float = 0.004
-    """Feet and torso are sent this far below the floor, so that they arrive [m]."""
+    """Targets of feet and torso are this far below the floor to ensure contact [m]."""
     swing_at: float = 1.0
     """The swing begins at this share of the raise."""
     lower_at: float = 0.05
     """Legs are lowered when yaw and outer pitch are this close to their targets [rad]."""
     forward_at: float = 1.0
-    """The torso moves on at this share of its lift."""
+    """The torso moves forward from this share of its lift on."""
     down_at: float = 1.0
-    """The torso goes down at this share of its way."""
+    """The torso is lowered from this share of its displacement on."""
     start_time: float = 0.5
-    """Time in which thrust takes over from rest before anything moves [s]."""
+    """Time in which thrust builds up from rest before the first motion [s]."""
     spool_time: float = 0.5
-    """Time in which thrust takes over from the mode before it, before anything moves [s]."""
+    """Time in which thrust changes from the previous mode before a motion [s]."""
     settle_time: float = 0.5
-    """Time in which thrust fades after the torso has come down [s]; 0 goes on to the next cycle without a rest."""
+    """Time in which thrust fades after the torso has been lowered [s]; with 0 the next cycle follows without a rest."""
     leg_touch_time: float = 0.3
-    """Feet have touched down when the inner pitches are near their targets and still for so long [s]."""
+    """Feet have touched down when the inner pitches are near their targets and still for this time [s]."""
     torso_touch_time: float = 0.2
-    """The torso has touched down when it is near its height and still for so long [s]."""
+    """The torso has touched down when it is near its height and still for this time [s]."""
     arrival: float = 0.003
-    """The torso is down its way when it is this close, filtered [m]; it waits for its trim until then."""
+    """The torso has arrived when its filtered error is below this [m]; until then it waits for its trim."""
     stall_time: float = 0.5
-    """A phase whose plan is at its end goes on where the legs have come to rest for so long, short of it [s]."""
+    """A phase with a completed plan also ends once legs short of their targets have been still for this time [s]."""
     trim_gain: float = 2.0
-    """Integral gain from the torso's error to where the legs push it [1/s]; 0 is off."""
+    """Integral gain from the torso's error to the trim of its target [1/s]; 0 is off."""
     trim_limit: float = 0.03
     """Largest trim [m]."""
     rolling: bool = False
-    """Whether the kinematics know that the feet are balls, which roll as their legs turn."""
+    """Whether the kinematics include that the feet are balls, which roll as their legs turn."""
     timeout: float = 10.0
-    """A phase that has not ended by then ends [s]."""
+    """Longest duration of a phase without a fixed time [s]."""
     robot: RobotSpec = ROBOT
-    """Whose legs they are."""
+    """The robot."""
 
     def __post_init__(self) -> None:
-        """Refuse a start pose out of reach and what is no length or time."""
+        """Raise `InvalidValueError` for a start pose out of reach and for negative lengths or times."""
         require_name("stride scheme", self.stride, STRIDES)
         positive = {k: v for k, v in vars(self).items() if k not in ("inner", "outer", "stride", "rolling", "robot")}
         require_not_negative(**positive)
@@ -84,7 +84,7 @@ class GaitConfig:
 
     @property
     def home_b(self) -> FootForces:
-        """Where the feet stand under a torso on its pegs, torso axes [m]."""
+        """Home positions of the feet while the torso lies on its pegs, torso axes [m]."""
         home = foot_positions(self.inner, self.outer, self.robot)
         home[:, 2] = -self.robot.peg_depth + self.robot.foot_radius
         return home
@@ -92,41 +92,41 @@ class GaitConfig:
 
 @dataclass(frozen=True)
 class Move:
-    """Go to a pose seen from where the command begins, on an arc."""
+    """Command to crawl along an arc to a pose relative to the start of the command."""
 
     way: Pose2
-    """Where to."""
+    """Displacement."""
     cycles: int = 0
-    """In how many cycles; 0 takes as few as reach and configuration allow."""
+    """Number of cycles; 0 uses as few as reach and configuration allow."""
 
 
 @dataclass(frozen=True)
 class Lift:
-    """Raise legs where they stand, hold, lower them."""
+    """Command to raise legs in place, hold and lower them."""
 
     legs: tuple[int, ...] = (0,)
-    """Which, 0 … 3 from the front left counter-clockwise."""
+    """Indices of the legs, 0 … 3 from the front left counter-clockwise."""
     angle: float = 0.2
-    """How far the inner pitch rises [rad]."""
+    """Angle by which the inner pitch rises [rad]."""
     seconds: float = 2.0
-    """How long they are held [s]."""
+    """Time for which the legs are held [s]."""
 
 
 @dataclass(frozen=True)
 class Stand:
-    """Lift the torso, hold, put it down."""
+    """Command to lift the torso, hold and lower it."""
 
     height: float = 0.1
-    """How far the torso is lifted [m]."""
+    """Height to which the torso is lifted [m]."""
     seconds: float = 2.0
-    """How long it is held [s]."""
+    """Time for which the torso is held [s]."""
 
 
 GaitCommand = Move | Lift | Stand
 
 
 def stride_fits(config: GaitConfig, way: Pose2, lift_height: float | None = None) -> bool:
-    """Whether one cycle can go this way: every foot in reach at start and end, torso down and lifted."""
+    """Whether one cycle can have this displacement: every foot in reach at start and end, torso down and lifted."""
     home, height = config.home_b, config.lift_height if lift_height is None else lift_height
     ends = (way.arc(0.5), way.arc(-0.5)) if config.stride == "centred" else (way, Pose2())
     for end in ends:
@@ -138,7 +138,7 @@ def stride_fits(config: GaitConfig, way: Pose2, lift_height: float | None = None
 
 
 def largest_stride(config: GaitConfig, way: Pose2) -> float:
-    """Largest share of `way` that one cycle can go by the legs' reach, up to `MOST_STRIDE`."""
+    """Compute the largest share of the displacement `way` within reach of one cycle, up to `MOST_STRIDE`."""
     low, high = 0.0, 1.0
     while high < MOST_STRIDE and stride_fits(config, way.arc(high)):
         low, high = high, 2.0 * high
@@ -149,16 +149,17 @@ def largest_stride(config: GaitConfig, way: Pose2) -> float:
 
 
 def plan_cycles(config: GaitConfig, move: Move) -> int:
-    """How many cycles a move takes; feet step as far as the torso moves in each [Zhao2025, Sec. Crawling Gait].
+    """Compute the number of cycles of a move; feet step as far as the torso moves [Zhao2025, Sec. Crawling Gait].
 
-    `InvalidValueError` names the largest stride where too few cycles are given.
+    Raises:
+        InvalidValueError: For too few cycles, with the largest stride; for a displacement out of reach.
     """
     way = move.way
     if not all(math.isfinite(v) for v in (way.x, way.y, way.yaw)):
         raise InvalidValueError("way", way, "finite numbers")
     share = largest_stride(config, way)
     if share <= 0.0:
-        raise InvalidValueError("way", way, "a way whose first step is in reach")
+        raise InvalidValueError("way", way, "a displacement whose first step is in reach")
     if move.cycles:
         if move.cycles < 0 or not isinstance(move.cycles, int):
             raise InvalidValueError("cycles", move.cycles, "a whole number of at least 1, or 0 for as many as needed")
@@ -172,7 +173,7 @@ def plan_cycles(config: GaitConfig, move: Move) -> int:
 
 
 def lying_pose(config: GaitConfig) -> JointVector:
-    """Joint angles of the robot at rest: torso on its pegs, feet at home on the floor [rad]."""
+    """Compute the joint angles of the lying robot: torso on its pegs, feet at home on the floor [rad]."""
     angles = leg_angles(config.home_b, config.robot)
     assert angles is not None
     return angles

@@ -1,7 +1,7 @@
-"""The crawl: commands → cycles → phases → joint setpoints and allocation mode [Zhao2025, Sec. Crawling Gait].
+"""Gait of the crawl: commands → cycles → phases → joint setpoints and allocation mode [Zhao2025, Sec. Crawling Gait].
 
-Nothing here knows a force: what it sees is the torso's pose and the joint angles, and touchdown is a threshold on them,
-because neither feet nor torso have a touch sensor.
+The inputs are the torso's pose and the joint angles, not forces. Touchdown is detected by thresholds on them, because
+neither feet nor torso have a touch sensor.
 """
 
 import math
@@ -22,23 +22,23 @@ from spidar_gym.state import NO_RESIDUAL, Residual
 FILTER_TIME = 0.1
 """Time constant of the filters on pose and joint angles [s]."""
 SLOW_TIME = 0.25
-"""Time constant of a slower filter on the position: the torso rests where both agree [s]."""
+"""Time constant of a slower filter on the position [s]; the torso is at rest when both filters agree."""
 AGREE = 0.0025
 """The two filters agree when their heights differ by less than this [m]."""
 NEAR = 0.05
-"""A joint is where it should be when it is this close [rad] [JSK]."""
+"""A joint has reached its target within this distance [rad] [JSK]."""
 STILL = 0.05
 """The joints are still when their filtered angles are slower than this [rad/s]."""
 MAX_DEPTH = 0.05
-"""The torso has not touched the floor while it is this far from its plan [m]."""
+"""The torso has touched the floor only if its height is closer than this to its plan [m]."""
 RESPONSE_TIME = 0.17
-"""Time constant of the model of how the filtered pose follows its plan: that filter, servos, delay [s]."""
+"""Time constant with which the filtered pose follows its plan: filter, servos, delay [s]."""
 SHORTEN = 0.95
-"""A stride or a lift that is out of reach is shortened by this factor until it is not."""
+"""A stride or a lift that is out of reach is shortened by this factor until it is in reach."""
 LEAST_LIFT = 0.01
 """A lift is not shortened below this [m]."""
 TRIAL = 0.002
-"""A trial step of the torso this long tells how far the joints turn for it [m]."""
+"""Length of the trial step of the torso that determines the joint rates [m]."""
 _LEGS_UP = frozenset(("spool", "raise", "swing", "lower"))
 _ON_FEET = frozenset(("brace", "up", "forward", "down"))
 
@@ -47,21 +47,21 @@ class Gait:
     """The crawl's phase machine: (pose, joint angles) → setpoints and mode [Zhao2025, Sec. Crawling Gait]."""
 
     def __init__(self, config: GaitConfig, *, joint_speed: float, dt: float) -> None:
-        """Take the configuration, the joint speed [rad/s] and the length of a tick [s]."""
+        """Set the configuration, the joint speed [rad/s] and the length of a tick [s]."""
         self.config, self.joint_speed, self.dt = config, joint_speed, dt
         self.home_b = config.home_b
         self.memory: GaitMemory
         self.reset(np.zeros(3), np.eye(3), np.zeros(N_JOINTS))
 
     def reset(self, position_w: Vector3, R_wb: Matrix3, q: JointVector) -> None:
-        """Lie on the floor, nothing to do."""
+        """Start lying on the floor with an empty queue."""
         self.memory = GaitMemory([], q.copy(), position_w.copy(), position_w.copy(), R_wb.copy(), q.copy())
         self.memory.planned = torso_pose2(position_w, R_wb)
         self.memory.target = q.copy()
         self._lie()
 
     def command(self, commands: Iterable[GaitCommand]) -> int:
-        """Append commands; returns how many steps they take (`InvalidValueError` for what is out of reach)."""
+        """Append commands and return the number of their steps (`InvalidValueError` if one is out of reach)."""
         steps: list[Step] = []
         planned = self.memory.planned
         for command in commands:
@@ -85,7 +85,7 @@ class Gait:
 
     @property
     def done(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether all commands are executed."""
         return self.memory.phase == "done" and not self.memory.steps
 
     @property
@@ -95,12 +95,12 @@ class Gait:
 
     @property
     def timeouts(self) -> int:
-        """Phases that ended by time-out."""
+        """Number of phases that ended by time-out."""
         return self.memory.timeouts
 
     @property
     def swinging(self) -> np.ndarray:
-        """Legs whose feet are on their way (4,)."""
+        """Legs whose feet are in the air (4,)."""
         mask = np.zeros(N_LEGS, bool)
         if self.memory.phase == "swing":
             mask[list(self.memory.steps[0].legs)] = True
@@ -116,7 +116,7 @@ class Gait:
 
     @property
     def lifted(self) -> np.ndarray:
-        """Legs whose joint torque counts in the allocation (4,): the lifted ones, and all where the feet carry."""
+        """Legs whose joint torque is allocated (4,): the lifted legs, or all legs in `stance`."""
         mask = np.zeros(N_LEGS, bool)
         if self.mode in ("leg", "legs"):
             mask[list(self.memory.steps[0].legs)] = True
@@ -125,13 +125,13 @@ class Gait:
         return mask
 
     def step(self, position_w: Vector3, R_wb: Matrix3, q: JointVector, residual: Residual = NO_RESIDUAL) -> JointVector:
-        """One tick: where the joints are told to be [rad].
+        """Compute the joint setpoints of one tick [rad].
 
         Args:
             position_w: Origin of the torso [m].
             R_wb: Attitude of the torso.
             q: Joint angles [rad].
-            residual: What a policy adds.
+            residual: Additions of a policy.
         """
         memory, dt = self.memory, self.dt
         smoothing = 1.0 - math.exp(-dt / FILTER_TIME)
@@ -165,7 +165,7 @@ class Gait:
             self._enter(memory.index + 1, residual)
 
     def _ended(self, joint_rate: float) -> bool:
-        """Whether the present phase has reached what it is for; `joint_rate` is the fastest joint's, filtered."""
+        """Whether the present phase has reached its end; `joint_rate` is the filtered rate of the fastest joint."""
         memory, config = self.memory, self.config
         spool = config.start_time if memory.rested else config.spool_time
         waits = {"spool": spool, "brace": spool, "settle": config.settle_time, "hold": memory.steps[0].seconds}
@@ -195,7 +195,7 @@ class Gait:
         return near or self._still(still, config.stall_time)
 
     def _touched(self, legs: list[int], still: bool) -> bool:
-        """Feet have touched down: near their targets and still for a while."""
+        """Whether the feet have touched down: near their targets and still for `leg_touch_time`."""
         memory, rows = self.memory, INNER[legs]
         planned = float(np.abs(memory.plan - memory.landing).max()) < 1e-9
         near = float(np.abs(memory.joints[rows] - memory.landing[rows]).max()) < 3.0 * NEAR
@@ -210,11 +210,11 @@ class Gait:
             return False
         error, _ = self._error()
         near = math.hypot(error[0], error[1]) <= config.arrival and abs(error[2]) <= config.arrival
-        # What the trim cannot reach is left for the next cycle.
+        # After half the time-out the remaining error is left for the next cycle.
         return bool(near) or config.down_at < 1.0 or memory.time >= 0.5 * config.timeout
 
     def _landed(self) -> bool:
-        """The torso has touched down: near the floor and no longer sinking for a while."""
+        """Whether the torso has touched down: near the floor and not sinking for `torso_touch_time`."""
         memory, config = self.memory, self.config
         _, depth = self._error()
         sinking = abs(float((memory.position_w - memory.slow_w) @ memory.floor_R[:, 2]))
@@ -227,7 +227,7 @@ class Gait:
         return memory.still >= duration - 1e-9
 
     def _enter(self, index: int, residual: Residual) -> None:
-        """Begin a phase of the present step; after its last one the next step or nothing."""
+        """Begin a phase of the present step; after its last phase begin the next step, or finish."""
         memory, config = self.memory, self.config
         step = memory.steps[0]
         if index >= len(step.phases):
@@ -264,13 +264,13 @@ class Gait:
             self._stance(step, residual)
 
     def _lie(self) -> None:
-        """The torso lies on the floor: targets are reset to where the joints are, and this is where the floor is."""
+        """Set the targets to the measured joint angles, and the floor to the pose of the lying torso."""
         memory = self.memory
         memory.plan, memory.target = memory.joints.copy(), memory.joints.copy()
         memory.floor_w, memory.floor_R = memory.position_w.copy(), memory.R_wb.copy()
 
     def _way(self, target: Pose2 | None) -> Pose2:
-        """The way to a pose in the world, floor axes: along a slope it is longer than it looks from above."""
+        """Compute the displacement to a pose in the world, floor axes; on a slope it is longer than its projection."""
         memory = self.memory
         here = torso_pose2(memory.floor_w, memory.floor_R)
         if target is None:
@@ -279,14 +279,14 @@ class Gait:
         return Pose2(x, y, math.remainder(target.yaw - here.yaw, 2.0 * math.pi))
 
     def _footsteps(self, step: Step, residual: Residual) -> None:
-        """Where the lifted legs go [Zhao2025, Sec. Crawling Gait]."""
+        """Compute the footsteps of the lifted legs [Zhao2025, Sec. Crawling Gait]."""
         memory, config = self.memory, self.config
         way = self._way(step.target).arc(max(0.0, residual.stride_scale))
         legs = list(step.legs)
         landing = memory.plan.copy()
         if step.target is not None:
             centred = config.stride == "centred"
-            # Errors of the last cycle may make this one longer than planned: it stays within the reach.
+            # Errors of the last cycle may make this one longer than planned, so it is shortened to the reach.
             while way.distance + abs(way.yaw) > 1e-6 and not stride_fits(config, way):
                 way = way.arc(SHORTEN)
             feet = way.arc(0.5 if centred else 1.0).move(self.home_b) - (0.0, 0.0, config.press)
@@ -301,7 +301,7 @@ class Gait:
             memory.landing[rows] = landing[rows]
 
     def _stance(self, step: Step, residual: Residual) -> None:
-        """Where the feet stand and where the torso goes [Zhao2025, Sec. Crawling Gait]."""
+        """Set the positions of the feet and the displacement of the torso [Zhao2025, Sec. Crawling Gait]."""
         memory, config = self.memory, self.config
         memory.way = self._way(step.target).arc(max(0.0, residual.stride_scale))
         memory.feet_f = feet_at(memory.joints, config.robot)
@@ -314,7 +314,7 @@ class Gait:
         memory.target = memory.plan if end is None else end
 
     def _reach(self, share: float, height: float) -> JointVector | None:
-        """Joint angles that hold the torso at a share of its way and a height, trim included."""
+        """Compute the joint angles for a share of the torso's displacement and a height, including the trim."""
         memory = self.memory
         pose = memory.way.arc(share)
         x, y, yaw = memory.trim.tolist()
@@ -322,7 +322,7 @@ class Gait:
         return leg_angles(pose.inverse().move(memory.feet_f) - (0.0, 0.0, height), self.config.robot)
 
     def _push(self, speed: float) -> None:
-        """Move the torso's plan on, as fast as the joints follow."""
+        """Advance the planned pose of the torso as fast as the joint speed allows."""
         memory, config = self.memory, self.config
         phase, reach = memory.phase, speed * self.dt
         distance = max(memory.way.distance, 0.5 * abs(memory.way.yaw), 1e-6)
@@ -336,7 +336,7 @@ class Gait:
         longest = max(abs(climb), abs(advance))
         now = self._reach(memory.share, memory.height)
         if longest > 0.0 and now is not None:
-            # A trial step tells how far the joints turn for it; the step is then as long as they allow.
+            # A trial step determines how far the joints turn per length; the step is then as long as they allow.
             trial = min(longest, TRIAL)
             ahead = self._reach(
                 memory.share + _towards(advance, trial) / distance, memory.height + _towards(climb, trial)
@@ -357,7 +357,7 @@ class Gait:
                 self._roll(memory.plan - before)
 
     def _roll(self, turn: JointVector) -> None:
-        """A leg that turns down by an angle rolls its ball outwards by the radius times that."""
+        """Shift the feet: a leg that turns down by an angle rolls its ball outwards by the radius times the angle."""
         memory, robot = self.memory, self.config.robot
         turned = memory.way.arc(memory.share).yaw
         for leg in range(N_LEGS):
@@ -366,7 +366,7 @@ class Gait:
             memory.feet_f[leg, :2] += out * math.cos(heading), out * math.sin(heading)
 
     def _track(self) -> None:
-        """Follow the torso's yaw, and where its filtered pose should be by now."""
+        """Filter the torso's yaw and update its expected filtered pose."""
         memory = self.memory
         turned = memory.floor_R.T @ memory.R_wb
         yaw = math.atan2(turned[1, 0], turned[0, 0])
@@ -376,13 +376,13 @@ class Gait:
         memory.expected = memory.expected + smoothing * (np.array([wanted.x, wanted.y, wanted.yaw]) - memory.expected)
 
     def _error(self) -> tuple[Vector3, float]:
-        """Expected − filtered pose of the torso along the floor, x, y [m], yaw [rad]; and how far its height is off."""
+        """Compute expected − filtered pose of the torso, x, y [m], yaw [rad], and its absolute height error [m]."""
         memory = self.memory
         x, y, z = ((memory.position_w - memory.floor_w) @ memory.floor_R).tolist()
         return memory.expected - (x, y, memory.yaw), abs(memory.height - z)
 
     def _trim(self) -> None:
-        """Feet are balls that roll when their legs turn, so the torso does not go as far as the kinematics say."""
+        """Integrate the torso's error into the trim, because rolling feet shorten or lengthen the displacement."""
         memory, config = self.memory, self.config
         if memory.phase != "forward" or config.trim_gain == 0.0:
             return
@@ -398,7 +398,7 @@ def _towards(distance: float, step: float) -> float:
 def nominal_time(
     config: GaitConfig, commands: Sequence[GaitCommand], *, joint_speed: float, dt: float, kind: type[Gait] = Gait
 ) -> float:
-    """How long commands take a `kind` of gait where joints and torso go exactly as planned, on flat ground [s]."""
+    """Compute the duration of commands on flat ground if joints and torso follow the plan of the gait exactly [s]."""
     gait = kind(config, joint_speed=joint_speed, dt=dt)
     lying = np.array([0.0, 0.0, config.robot.peg_depth])
     gait.reset(lying, np.eye(3), lying_pose(config))

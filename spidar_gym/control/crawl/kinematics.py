@@ -1,4 +1,4 @@
-"""A leg with its outer yaw joint at 0: foot ↔ joint angles in closed form, for all four legs at once.
+"""Kinematics of legs whose outer yaw joint is at 0: foot ↔ joint angles in closed form, for all four legs.
 
 The paper solves q₄ₗ₋₃, q₄ₗ₋₂ and q₄ₗ analytically [Zhao2025, Sec. Crawling Gait]. Positive pitch lowers a leg, so the
 knee is up where the outer pitch is positive.
@@ -18,12 +18,12 @@ _DIRECTION = [(math.cos(a), math.sin(a)) for a in _AZIMUTH]
 
 
 def leg_lengths(robot: RobotSpec) -> tuple[float, float]:
-    """From the inner to the outer pitch axis, and from there to the foot's centre [m]."""
+    """Return the distances from the inner to the outer pitch axis, and from there to the foot's centre [m]."""
     return robot.yaw_to_pitch + robot.pitch_to_yaw, robot.pitch_to_foot
 
 
 def foot_positions(inner: float, outer: float, robot: RobotSpec = ROBOT) -> FootForces:
-    """Centres of the four feet, torso axes [m], with straight legs that all have these pitch angles [rad]."""
+    """Compute the centres of the four feet, torso axes [m], if all legs have these pitch angles [rad] and yaw 0."""
     upper, lower = leg_lengths(robot)
     reach = robot.yaw_axis_radius + robot.yaw_to_pitch + upper * math.cos(inner) + lower * math.cos(inner + outer)
     z = robot.yaw_axis_z - upper * math.sin(inner) - lower * math.sin(inner + outer)
@@ -31,14 +31,14 @@ def foot_positions(inner: float, outer: float, robot: RobotSpec = ROBOT) -> Foot
 
 
 def leg_angles(feet_b: FootForces, robot: RobotSpec = ROBOT) -> JointVector | None:
-    """Joint angles that put the feet there, knees up, outer yaw 0; None out of reach [Zhao2025, Sec. Crawling Gait].
+    """Solve the inverse kinematics of all legs, knees up, outer yaw 0 [Zhao2025, Sec. Crawling Gait].
 
     Args:
-        feet_b: Centres of the foot spheres seen from the torso [m].
-        robot: Whose legs they are.
+        feet_b: Centres of the foot spheres, torso axes [m].
+        robot: The robot.
 
     Returns:
-        q (16,) within the range of the joints, ± 90° [rad], or None.
+        q (16,) within the range of the joints, ± 90° [rad], or None if a foot is out of reach.
     """
     q = [0.0] * (4 * N_LEGS)
     (upper, lower), hip = leg_lengths(robot), robot.yaw_axis_radius
@@ -58,12 +58,12 @@ def leg_angles(feet_b: FootForces, robot: RobotSpec = ROBOT) -> JointVector | No
 
 
 def feet_at(q: JointVector, robot: RobotSpec = ROBOT) -> FootForces:
-    """Centres of the feet, torso axes [m], outer yaw joints included."""
+    """Compute the centres of the feet, torso axes [m], for any joint angles, including outer yaw."""
     feet = np.zeros((N_LEGS, 3))
     for leg in range(N_LEGS):
         yaw, inner, twist, outer = q[4 * leg : 4 * leg + 4].tolist()
         azimuth = robot.leg_azimuth(leg)
-        # In the axes of the inner link: junction offset along x, then the outer link turned by twist and outer pitch.
+        # In the axes of the inner link: junction offset along x, then the outer link rotated by twist and outer pitch.
         reach = robot.yaw_to_pitch + robot.pitch_to_foot * math.cos(outer)
         x = robot.pitch_to_yaw + reach * math.cos(twist)
         y, z = reach * math.sin(twist), -robot.pitch_to_foot * math.sin(outer)

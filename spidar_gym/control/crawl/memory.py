@@ -1,4 +1,4 @@
-"""What the crawler's allocation remembers from tick to tick, and records of its last step; the gait has its own."""
+"""Data of the crawler's allocation: memory between ticks and record of a step; the gait's memory is separate."""
 
 from dataclasses import dataclass
 
@@ -14,10 +14,10 @@ from spidar_gym.robot import N_JOINTS, N_ROTORS
 
 @dataclass(frozen=True, slots=True)
 class CrawlMemory:
-    """All that the allocation on the ground remembers; the gait has its own."""
+    """State of the allocation on the ground between ticks; the gait's memory is separate."""
 
     lock: Lock
-    """Held φ."""
+    """State of the φ lock."""
     vectoring: Vectoring
     """(φ, θ) last commanded [rad]."""
     forces_l: RotorForces
@@ -29,11 +29,11 @@ class CrawlMemory:
     mode: str
     """Allocation mode of the last tick."""
     force_gap: RotorForces
-    """What the last mode gave beyond the present one when it gave way [N]."""
+    """Forces of the last mode minus those of the present one at the change of mode [N]."""
     torque_gap: JointVector
-    """What the last mode gave of feed-forward torque beyond the present one when it gave way [Nm]."""
+    """Feed-forward torque of the last mode minus that of the present one at the change of mode [Nm]."""
     gap: float
-    """How much of both gaps is left, 1 … 0."""
+    """Remaining share of both gaps, 1 … 0."""
     effort: RotorVector
     """Weights of the power cost."""
     active: np.ndarray
@@ -41,7 +41,7 @@ class CrawlMemory:
 
 
 def fresh_crawl_memory(vectoring: Vectoring, joint_position: JointVector) -> CrawlMemory:
-    """What is remembered before a first tick, at angles [rad]: rotors off, nothing held."""
+    """Return the memory before the first tick, for given angles [rad]: rotors off, no rotor locked."""
     zero = np.zeros((N_ROTORS, 3))
     return CrawlMemory(
         Lock(ALL_FREE, ALL_FREE, vectoring[:, 0]), vectoring, zero, np.zeros(N_JOINTS), joint_position, "rest", zero,
@@ -51,15 +51,15 @@ def fresh_crawl_memory(vectoring: Vectoring, joint_position: JointVector) -> Cra
 
 @dataclass(frozen=True, slots=True)
 class CrawlRecord:
-    """What one step did, for plots and tests."""
+    """Record of one step, for plots and tests."""
 
     allocation: Allocation
-    """What the allocation answered, before the hand-over."""
+    """Result of the allocation, before the hand-over."""
     forces_l: RotorForces
-    """Forces that were commanded, link axes [N]."""
+    """Commanded forces, link axes [N]."""
     mode: str
     """Allocation mode."""
     phase: str
     """Phase of the gait."""
     demand: Demand | None = None
-    """What the allocation was asked; None where compiled code asked it."""
+    """Demand of the allocation; None if the step was computed by compiled code."""

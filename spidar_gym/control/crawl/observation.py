@@ -1,4 +1,4 @@
-"""What a policy sees of a crawl: a named layout and one pure function; no contact force, as on the robot."""
+"""Observation of a policy in a crawl: a named layout and one pure function; no contact forces, as on the robot."""
 
 import math
 from dataclasses import dataclass
@@ -16,19 +16,19 @@ from spidar_gym.state import RobotState
 
 
 def crawl_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
-    """The observation's pieces in order; the previous action makes its length depend on the action mode."""
+    """Return the fields of the observation in order; the length depends on the size of the action."""
     return (
         Field("goal_position", 2, 5.0, "m", "goal − torso along its heading and to its left"),
         Field("goal_heading", 2, 1.0, "", "sine and cosine of the heading still to turn"),
         Field("up", 3, 1.0, "", "vertical, torso axes"),
-        Field("height", 1, 2.0, "m", "of the torso over where it lay"),
+        Field("height", 1, 2.0, "m", "of the torso above its lying position"),
         Field("velocity", 3, 5.0, "m/s", "of the torso, torso axes"),
         Field("angular_velocity", 3, 10.0, "rad/s", "torso axes"),
         Field("joint_position", N_JOINTS, 2.0, "rad", "q"),
         Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇"),
         Field("joint_torque", N_JOINTS, 10.0, "Nm", "of the joint servos"),
         Field("joint_plan_error", N_JOINTS, 2.0, "rad", "planned joint angles − q"),
-        Field("joint_way", N_JOINTS, 4.0, "rad", "end of the step or of the torso's way − planned joint angles"),
+        Field("joint_way", N_JOINTS, 4.0, "rad", "target of the phase or of the torso's displacement − planned joint angles"),
         Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
         Field("vectoring_cosine", 2 * N_ROTORS, 1.0, "", "cosine of φ₁, θ₁, φ₂, θ₂ …"),
         Field("thrust_command", N_ROTORS, robot.max_thrust, "N", "λ₁ … λ₈ of the last command"),
@@ -36,20 +36,20 @@ def crawl_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...
         Field("vectoring_command_cosine", 2 * N_ROTORS, 1.0, "", "cosine of the last commanded φ, θ"),
         Field("phase", len(PHASES), 1.0, "", "1 for the present phase of " + ", ".join(PHASES)),
         Field("phase_time", 1, 20.0, "s", "since it began"),
-        Field("share", 1, 1.0, "", "of the torso's way of this cycle that is planned already"),
-        Field("steps_left", 1, 50.0, "", "gait cycles to go, this one included"),
+        Field("share", 1, 1.0, "", "planned share of the torso's displacement in this cycle"),
+        Field("steps_left", 1, 50.0, "", "remaining gait cycles, including this one"),
         Field("previous_action", action_size, 1.0, "", "last action"),
     )
 
 
 @dataclass(frozen=True, slots=True)
 class CrawlObservables:
-    """What an observation is made of, beside the memories of gait and crawler."""
+    """Inputs of an observation in addition to the memories of gait and crawler."""
 
     state: RobotState
     """Measured state."""
     goal: Pose2
-    """Where the torso is to lie, world."""
+    """Goal pose of the torso, world."""
     thrust_command: RotorVector
     """Thrust last commanded [N]."""
     previous_action: np.ndarray
@@ -57,7 +57,7 @@ class CrawlObservables:
 
 
 def observe_crawl(seen: CrawlObservables, gait: GaitMemory, memory: CrawlMemory, *, bound: np.ndarray) -> np.ndarray:
-    """The observation in the order of `crawl_layout`, clipped to ± `bound` (one per number), float32."""
+    """Compute the observation in the order of `crawl_layout`, clipped to ± `bound` (one per number), float32."""
     state, goal = seen.state, seen.goal
     R_wb = quat_to_matrix(state.quat_wb)
     heading = math.atan2(R_wb[1, 0], R_wb[0, 0])

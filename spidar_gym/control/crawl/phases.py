@@ -1,4 +1,4 @@
-"""What the gait runs through and remembers: phases, steps, memory [Zhao2025, Sec. Crawling Gait]."""
+"""Data of the gait: phases, steps and memory [Zhao2025, Sec. Crawling Gait]."""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +11,7 @@ from spidar_gym.robot import N_JOINTS, N_LEGS
 CYCLE = ("spool", "raise", "swing", "lower", "brace", "up", "forward", "down", "settle")
 """Phases of a gait cycle: legs, then torso."""
 LIFT = ("spool", "raise", "hold", "lower", "settle")
-"""Phases of lifting legs where they stand."""
+"""Phases of lifting legs in place."""
 STAND = ("brace", "up", "hold", "down", "settle")
 """Phases of standing up."""
 PHASES = ("done", *CYCLE, "hold")
@@ -20,34 +20,34 @@ PHASES = ("done", *CYCLE, "hold")
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One run through some phases."""
+    """One sequence of phases."""
 
     phases: tuple[str, ...]
-    """In order."""
+    """Phases in order."""
     target: Pose2 | None = None
-    """Where the torso lies at its end, world; None where it stays."""
+    """Pose of the torso at the end, world; None if the torso stays in place."""
     legs: tuple[int, ...] = (0, 1, 2, 3)
-    """Which legs are lifted."""
+    """Indices of the lifted legs."""
     angle: float | None = None
-    """How far they are raised, if not by the configuration [rad]."""
+    """Angle by which the legs are raised [rad]; that of the configuration if None."""
     height: float | None = None
-    """How far the torso is lifted, if not by the configuration [m]."""
+    """Height to which the torso is lifted [m]; that of the configuration if None."""
     seconds: float = 0.0
-    """How long `hold` lasts [s]."""
+    """Duration of `hold` [s]."""
 
 
 @dataclass
 class GaitMemory:
-    """All that the gait remembers from one tick to the next."""
+    """Complete state of the gait between ticks."""
 
     steps: list[Step]
-    """What is still to do, the present step first."""
+    """Remaining steps, the present one first."""
     plan: JointVector
     """Planned joint setpoints [rad]."""
     position_w: Vector3
     """Filtered position of the torso [m]."""
     slow_w: Vector3
-    """Position of the torso by a slower filter [m]."""
+    """Position of the torso with a slower filter [m]."""
     R_wb: Matrix3
     """Attitude of the torso."""
     joints: JointVector
@@ -55,13 +55,13 @@ class GaitMemory:
     phase: str = "done"
     """One of `PHASES`."""
     index: int = 0
-    """Which phase of the step."""
+    """Index of the phase in the step."""
     time: float = 0.0
     """Time in the phase [s]."""
     still: float = 0.0
-    """For how long everything has been still and where it should be [s]."""
+    """Time for which the condition for the end of the phase has held [s]."""
     target: JointVector = field(default_factory=lambda: np.zeros(N_JOINTS))
-    """Joint angles that the legs go to in this phase [rad]."""
+    """Target joint angles of this phase, or of the torso's displacement [rad]."""
     landing: JointVector = field(default_factory=lambda: np.zeros(N_JOINTS))
     """Joint angles at the end of the step [rad]."""
     highest: JointVector = field(default_factory=lambda: np.zeros(N_JOINTS))
@@ -69,28 +69,28 @@ class GaitMemory:
     start: JointVector = field(default_factory=lambda: np.zeros(N_JOINTS))
     """Joint angles at the start of the step [rad]."""
     floor_R: Matrix3 = field(default_factory=lambda: np.eye(3))
-    """Axes of the floor, world: the torso's when it lay on it."""
+    """Axes of the floor, world: those of the torso when it last lay on the floor."""
     floor_w: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Where the torso lay [m]."""
+    """Position of the torso when it last lay on the floor [m]."""
     feet_f: FootForces = field(default_factory=lambda: np.zeros((N_LEGS, 3)))
-    """Where the feet stand, floor axes, from where the torso lay [m]."""
+    """Positions of the standing feet from `floor_w`, floor axes [m]."""
     way: Pose2 = field(default_factory=Pose2)
-    """Way of the torso from there, floor axes."""
+    """Displacement of the torso from `floor_w` in this cycle, floor axes."""
     share: float = 0.0
-    """How much of the way is done."""
+    """Planned share of the displacement."""
     height: float = 0.0
-    """Planned height over where it lay [m]."""
+    """Planned height of the torso above `floor_w` [m]."""
     lift: float = 0.0
-    """Height at which it moves [m]."""
+    """Height above `floor_w` at which the torso moves [m]."""
     expected: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Where the filtered pose should be by now, seen from where the torso lay: x, y [m], yaw [rad]."""
+    """Expected filtered pose of the torso relative to `floor_w`: x, y [m], yaw [rad]."""
     yaw: float = 0.0
-    """Filtered yaw from there [rad]."""
+    """Filtered yaw relative to `floor_R` [rad]."""
     trim: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """x, y [m] and yaw [rad] added to where the legs push the torso."""
+    """x, y [m] and yaw [rad] added to the target of the torso."""
     rested: bool = True
     """Whether the rotors were off before this phase."""
     timeouts: int = 0
-    """Phases that ended by time-out."""
+    """Number of phases that ended by time-out."""
     planned: Pose2 = field(default_factory=Pose2)
-    """Where the last command in the list ends, world."""
+    """Pose of the torso after the last queued command, world."""

@@ -1,4 +1,4 @@
-"""Poses in the plane (x, y, yaw): where a crawl starts, goes and turns."""
+"""Poses in the plane (x, y, yaw) and motions along arcs, for the crawl."""
 
 import math
 from dataclasses import dataclass
@@ -23,17 +23,17 @@ class Pose2:
     """Counter-clockwise [rad]."""
 
     def __matmul__(self, other: "Pose2") -> "Pose2":
-        """This pose, then `other` seen from it."""
+        """Compose this pose with `other`, which is relative to it."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose2(self.x + c * other.x - s * other.y, self.y + s * other.x + c * other.y, self.yaw + other.yaw)
 
     def inverse(self) -> "Pose2":
-        """The pose of the origin seen from this pose."""
+        """Return the pose of the origin relative to this pose."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.yaw)
 
     def arc(self, fraction: float) -> "Pose2":
-        """The pose after this fraction of the arc of constant curvature that leads from the origin to this pose."""
+        """Return the pose after a fraction of the arc of constant curvature from the origin to this pose."""
         yaw = self.yaw
         if abs(yaw) < STRAIGHT:
             return Pose2(fraction * self.x, fraction * self.y, fraction * yaw)
@@ -51,12 +51,12 @@ class Pose2:
         return math.hypot(self.x, self.y)
 
     def move(self, points: np.ndarray) -> np.ndarray:
-        """Points (n, 3) seen from this pose, seen from the origin; heights stay."""
+        """Transform points (n, 3) from the axes of this pose to those of the origin; heights stay."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         R = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         return points @ R + (self.x, self.y, 0.0)
 
 
 def torso_pose2(position_w: Vector3, R_wb: np.ndarray) -> Pose2:
-    """Pose of the torso in the plane of the world."""
+    """Compute the pose of the torso in the plane of the world."""
     return Pose2(float(position_w[0]), float(position_w[1]), math.atan2(R_wb[1, 0], R_wb[0, 0]))
