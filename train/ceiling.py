@@ -1,9 +1,10 @@
-"""What a residual on `tuned` could gain at most: laws that know what pulls at the robot, in place of its observer.
+"""Measure an upper bound of what a residual on `tuned` can gain, with exact disturbances instead of its observer.
 
     python -m train.ceiling
 
-They see the simulated robot itself, without noise or delay, and cancel a tick late what changes its momentum beyond
-what they ask for. No network with sensors knows more, however long its memory.
+The control laws here read the true state of the simulation, without noise or delay. They cancel, one tick late, every
+change of the robot's momentum that weight and rotors do not explain. A network with sensors has less information,
+however long its memory.
 """
 
 from collections.abc import Callable
@@ -30,34 +31,34 @@ from spidar_gym.text import format_table
 from train.lib.evaluate import Base, PairedEvaluator, Verdict
 
 TRACKS = ("flight-wind", "flight-randomised")
-"""Where there is something that the feedback cannot know."""
+"""Tracks with disturbances that the controller's feedback does not measure."""
 LAG = 0.07
-"""Time constant of the rotors that a law believes in which does not see them [s]."""
+"""Assumed time constant of the rotors in a law that does not read their true thrust [s]."""
 
 
 @dataclass(frozen=True)
 class Args:
-    """Measure what a law gains that knows what pulls at the robot."""
+    """Measure the gain of control laws with exact knowledge of the disturbances."""
 
     scenarios: int = 12
-    """Validation scenarios of each track."""
+    """Number of validation scenarios of each track."""
     workers: int = cpu_count()
-    """Processes that fly."""
+    """Number of processes that fly."""
 
     def __post_init__(self) -> None:
         require_least(1, scenarios=self.scenarios, workers=self.workers)
 
 
 class Knowing(FlightController):
-    """`tuned` without its observer, whose place a wrench takes that the simulation tells."""
+    """Controller `tuned` whose observer is replaced by the disturbance wrench from the simulation."""
 
     sees_rotors: bool = True
-    """Whether it knows what the rotors give; else it believes in what it asked for, a `LAG` later."""
+    """Whether to use the rotors' true wrench; otherwise the commanded wrench with a first-order lag of `LAG`."""
     time: float = 0.0
     """Time constant of a low-pass on the wrench [s]; 0 is off."""
 
     def reset(self, state: RobotState, joint_position: JointVector | None = None, trim: Wrench | None = None) -> None:
-        """Forget everything; the integrals begin at 0, for all of the trim is known."""
+        """Reset the memory; the integrals start at 0, without the trim, as the disturbance is known."""
         super().reset(state, joint_position)
         self._truth = Model()
         self._momentum: np.ndarray | None = None
@@ -66,9 +67,9 @@ class Knowing(FlightController):
     def compensate(
         self, state: RobotState, reference: Reference, control_state: ControlState, joints: JointVector
     ) -> tuple[CompensationMemory, Wrench]:
-        """What `tuned` adds, and the pull's opposite."""
+        """Compute the compensation of `tuned` minus the disturbance wrench."""
         memory, more = super().compensate(state, reference, control_state, joints)
-        # What tells a law of the reference is the environment, and that knows the robot as it is.
+        # `preview` is a method of the environment, which has the true state.
         env = getattr(self.preview, "__self__", None)
         assert isinstance(env, HoverEnv)
         self._look(env.state, control_state)
@@ -76,7 +77,7 @@ class Knowing(FlightController):
         return memory, more - np.concatenate((self.pull_w[:3] @ R_wb, self.pull_w[3:] @ R_wb))
 
     def _look(self, true: RobotState, control_state: ControlState) -> None:
-        """What has changed the robot's momentum in the last tick beyond weight and rotors, world axes [N, Nm]."""
+        """Update `pull_w`: the change of momentum in the last tick beyond weight and rotors, world axes [N, Nm]."""
         R, dt = quat_to_matrix(true.quat_wb), self.dt
         snapshot = self._truth.snapshot(true.joint_position, R, true.vectoring)
         legs = snapshot.momentum_map @ true.joint_velocity
@@ -106,7 +107,7 @@ class Knowing(FlightController):
 
 
 class Described(Knowing):
-    """Knows all that the description lacks, weak ducts included, behind a low-pass that drawn robots bear."""
+    """Law that also cancels model errors such as weak rotors, with a low-pass that is stable for randomised robots."""
 
     sees_rotors = False
     time = 0.1
@@ -116,11 +117,11 @@ LAWS: dict[str, type[Knowing]] = {
     "knows what pulls, a tick late": Knowing,
     "knows all that is not described, 0.1 s": Described,
 }
-"""Laws that know, by what they know."""
+"""Control laws by their heading in the table."""
 
 
 def measure(args: Args, on_scenario: Callable[[], object] = lambda: None) -> dict[str, Verdict]:
-    """Law → its comparison with `tuned`, on the validation scenarios."""
+    """Compare each law with `tuned` on the validation scenarios: law → verdict."""
     config = replace(TUNED, compensation=replace(TUNED.compensation, observer_gain=0.0))
     with Pool(args.workers) as pool:
         evaluator = PairedEvaluator(
@@ -133,7 +134,7 @@ def measure(args: Args, on_scenario: Callable[[], object] = lambda: None) -> dic
 
 
 def ceiling_lines(verdicts: dict[str, Verdict]) -> list[list[str]]:
-    """A line a law: change of position and attitude on each track."""
+    """Return a table row for each law: changes of position and attitude errors on each track."""
     lines = [["against tuned", *(f"{track}, position / attitude" for track in TRACKS), "success"]]
     for name, verdict in verdicts.items():
         cells = [" / ".join(f"{100.0 * value:+.0f} %" for value in cell.values()) for cell in verdict.cells.values()]

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# The exact commands behind every learned row of the leaderboard, in a checkout with `pip install -e '.[train,viz]'`.
-# Every run resumes where it was interrupted; each is one process, so several seeds can run side by side.
+# The exact commands that produce every learned row of the leaderboard; needs a checkout with
+# `pip install -e '.[train,viz]'`. An interrupted run resumes. Each run is one process, so several seeds can run in
+# parallel.
 # Usage: train/commands.sh [ROW ...], all rows if none is named.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

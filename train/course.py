@@ -1,11 +1,10 @@
-"""Learn the numbers of the rule on courses: distances, heights, speeds by obstacle, judged against the rule.
+"""Search for the parameters of the course rule (distances, heights, speeds), and compare the result with the rule.
 
     python -m train.course rule --seed 0
 
-The policy sees what every policy on a course sees, and says twice a second where to go; with numbers of 0 it is
-`course_rule` bit for bit. Whether a robot gets through shows minutes after what decided it: so as with the gait
-(`train/gait.py`), an episode is one sample, and all trials of a generation go the very same courses with the very same
-robots.
+The policy commands a target twice a second. With parameters of 0 it equals `course_rule` bit for bit. A collision can
+occur minutes after the decision that caused it, so an episode is one sample, as for the gait (`train/gait.py`). All
+trials of a generation use the same courses and robots.
 """
 
 from collections.abc import Mapping
@@ -41,40 +40,40 @@ LEARNED = (
     "wall_passed", "wall_over", "wall_beneath", "wall_speed", "slot_before", "slot_passed", "slot_height", "slot_speed",
     "slot_aligned", "beam_before", "beam_passed", "above", "speed", "near", "formed",
 )  # fmt: skip
-"""What of the rule's numbers costs time: the others only say where it waits, or between which gaits it chooses."""
+"""Parameters of the rule that affect the time; the others determine where it waits and how it chooses the gait."""
 
 
 class Rule(CoursePolicy):
-    """The rule, as a policy from what it sees."""
+    """The rule, computed from the observation alone."""
 
-    presets = {COURSE: ARGUMENTS}  # noqa: RUF012 - nobody writes it
+    presets = {COURSE: ARGUMENTS}  # noqa: RUF012 - never modified
 
 
 @dataclass(frozen=True)
 class CostConfig:
-    """What a course costs: its track's error, but no mishap outweighs all else that a generation tells."""
+    """Cost of a course: its track's error, bounded so that a single failure does not dominate a generation."""
 
     failure: float = 2.5
-    """Cost of a course that is not finished, all in all."""
+    """Total cost of a course that is not finished, and the largest cost of any course."""
 
     def __post_init__(self) -> None:
         require_above("1", failure=self.failure)
 
     def __call__(self, metrics: Mapping[str, Any]) -> float:
-        """Cost of a course with the benchmark's metrics."""
+        """Compute the cost of a course from the benchmark's metrics."""
         return self.failure if metrics["failed"] else min(self.failure, metrics["error"])
 
 
 @dataclass(frozen=True)
 class Args(TrialRecipe):
-    """Learn the numbers of the rule on courses."""
+    """Search for the parameters of the course rule."""
 
     action_mode = ARGUMENTS["action_mode"]
 
     learned: tuple[str, ...] = LEARNED
-    """Which of the rule's numbers are learned; the others stay as they are."""
+    """Parameters of the rule to learn; the others keep their values."""
     courses: int = 1
-    """Courses of a trial on each track."""
+    """Number of courses of a trial on each track."""
     cost: CostConfig = field(default_factory=CostConfig)
 
     def __post_init__(self) -> None:
@@ -106,7 +105,7 @@ PRESETS: dict[str, Args] = {
 
 
 def artifact(args: Args, numbers: np.ndarray, state: State) -> Artifact:
-    """The numbers as the benchmark's artifact: a network that says the same whatever it sees."""
+    """Build the artifact of parameters: a network with a constant output."""
     bias = np.zeros(len(RANGES), np.float32)
     bias[[list(RANGES).index(name) for name in args.learned]] = numbers
     layers = ((np.zeros((len(RANGES), SIZE), np.float32), bias),)
@@ -118,21 +117,21 @@ def artifact(args: Args, numbers: np.ndarray, state: State) -> Artifact:
 
 
 def scaling() -> Scaling:
-    """What is seen enters as it is: nothing of it is weighed."""
+    """Return the identity scaling; the network's output does not depend on its input."""
     return Scaling(np.zeros(SIZE), np.ones(SIZE))
 
 
 def go(args: Args, piece: Piece) -> tuple[float, int]:
-    """Cost of numbers on a track's courses, mean, and the ticks that it took."""
+    """Run a track's courses; return the mean cost and the simulated control ticks."""
     numbers, track, scenarios = piece
     policy = LearnedPolicy(artifact(args, numbers, State()))
     metrics = [each["metrics"] for each in play(policy, track, scenarios, control=args.control)]
-    seconds = sum(each["duration_s"] or 0.0 for each in metrics)  # None where it diverged
+    seconds = sum(each["duration_s"] or 0.0 for each in metrics)  # None if the simulation diverged
     return float(np.mean([args.cost(each) for each in metrics])), round(seconds * CONTROL_RATE)
 
 
 def learn(args: Args) -> Path:
-    """One run, from its beginning or from where it was interrupted; the path of its artifact."""
+    """Start or resume a run; return the path of its artifact."""
     task = Task(
         COURSE, len(args.learned), args.courses, "courses", Rule(), scaling(), partial(artifact, args),
         partial(go, args),

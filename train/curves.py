@@ -1,4 +1,4 @@
-"""Learning curves: all seeds of a row in one file, a picture a track, and the guide's table of what the rows cost.
+"""Collect the learning curves of all seeds of each row, plot them by track, and write the guide's table of costs.
 
 python -m train.curves --runs out/train --out train/curves
 """
@@ -27,42 +27,42 @@ from train.lib.config import CONTROL
 from train.lib.evaluate import Base, PairedEvaluator
 
 FLIGHTS = {**PRESETS, **FORMER_PRESETS}
-"""Controllers of flights."""
+"""Presets of flight controllers."""
 LINES = {
     FLIGHT: {row: preset for preset, row in BASES.items() if preset in FLIGHTS},
     GROUND: {row: preset for preset, row in BASES.items() if preset not in FLIGHTS},
     BOTH: {},
 }
-"""World → rows of the controllers that are added to, drawn as lines, with their presets; on a course the runs' own."""
+"""World → row of a base controller → its preset, plotted as horizontal lines; courses use the base of the runs."""
 
 
 TAUGHT = "train.distill"
-"""The recipe whose agents never add to a controller; its settings have no action mode."""
+"""Recipe whose policies are not residuals, which its stored settings do not state."""
 
 
 @dataclass(frozen=True)
 class Args:
-    """Gather the curves of runs, and draw them."""
+    """Collect the learning curves of runs and plot them."""
 
     runs: Path = Path("out/train")
-    """Folder with runs: NAME/seedK/curve.json; where it is missing only pictures are drawn anew."""
+    """Folder with runs, NAME/seedK/curve.json; if it is missing, the curves in --out are plotted again."""
     out: Path = Path("train/curves")
-    """Folder for NAME.json."""
+    """Folder for the collected curves, NAME.json."""
     pictures: Path = Path("out/curves")
-    """Folder for TRACK.png."""
+    """Folder for the plots, TRACK.png."""
     costs: Path = Path("docs/results/learned_costs.json")
-    """File for what the rows cost, from which the guide's table is made."""
+    """File for the costs of the rows, from which the guide's table is generated."""
     control: str = CONTROL
-    """Controller that flies the lines: python, or core."""
+    """Controller implementation for the base controllers: python, or core, which is compiled."""
     workers: int = cpu_count()
-    """Processes that fly."""
+    """Number of processes that run scenarios."""
 
     def __post_init__(self) -> None:
         require_least(1, workers=self.workers)
 
 
 def gather(runs: Path, out: Path) -> list[Path]:
-    """Write the curves of all seeds of each row into one file; their paths (`SpidarError` for a damaged one)."""
+    """Write the curves of all seeds of each row to one file; return the paths (`SpidarError` for a damaged curve)."""
     written = []
     for folder in sorted(path for path in runs.glob("*") if path.is_dir()):
         seeds = [read_curve(path) for path in sorted(folder.glob("seed*/curve.json"))]
@@ -74,7 +74,7 @@ def gather(runs: Path, out: Path) -> list[Path]:
 
 
 def read_curve(path: Path) -> dict[str, Any]:
-    """A learning curve (`SpidarError` for a damaged file)."""
+    """Read a learning curve (`SpidarError` for a damaged file)."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -82,9 +82,9 @@ def read_curve(path: Path) -> dict[str, Any]:
 
 
 def panels(curves: Sequence[dict[str, Any]], track: str) -> dict[str, dict[str, list[Curve]]]:
-    """Metric → row → for each run its ticks, minutes, and absolute values on the validation scenarios.
+    """Return metric → row → curves of its runs: ticks, minutes and absolute values on the validation scenarios.
 
-    A run that adds to a controller begins as that one; one that flies by itself begins where it was judged first.
+    The curve of a residual begins with its base; the curve of a policy without a controller with its first validation.
     """
     found: dict[str, dict[str, list[Curve]]] = {}
     for curve in curves:
@@ -102,7 +102,7 @@ def panels(curves: Sequence[dict[str, Any]], track: str) -> dict[str, dict[str, 
 
 
 def cost_lines(curves: Sequence[dict[str, Any]]) -> list[list[str]]:
-    """What each row cost: its runs, ticks and wall time of each, and when the chosen agent had been found."""
+    """Return the table of costs: number of runs, ticks and wall time per run, and ticks at the chosen agent."""
     lines = [["row", "runs", "ticks a run", "minutes a run", "ticks/s", "of which", "chosen at", "score on validation"]]
     for curve in curves:
         runs = curve["runs"]
@@ -120,7 +120,7 @@ def cost_lines(curves: Sequence[dict[str, Any]]) -> list[list[str]]:
 
 
 def _shares(parts: Sequence[Mapping[str, float]]) -> str:
-    """Where the wall time of some runs went, the largest part first; those below a hundredth are left out."""
+    """Format the shares of the runs' wall time, largest first, without those below 1 %."""
     total = sum(sum(own.values()) for own in parts)
     sums = {name: sum(own.get(name, 0.0) for own in parts) for name in dict.fromkeys(n for own in parts for n in own)}
     shares = sorted(((seconds / total, name) for name, seconds in sums.items() if total), reverse=True)
@@ -128,13 +128,13 @@ def _shares(parts: Sequence[Mapping[str, float]]) -> str:
 
 
 def write_costs(curves: Sequence[dict[str, Any]], path: Path) -> None:
-    """Write what the rows cost as a result of the guide."""
+    """Write the table of costs to a result file of the guide."""
     source = {"command": "python -m train.curves", "version": __version__, "date": date.today().isoformat()}
     write_text(path, json_text({**source, "lines": cost_lines(curves)}))
 
 
 def _range(values: Sequence[float], form: str, unit: str) -> str:
-    """The least and the largest of some numbers, or one where they are written alike."""
+    """Format the smallest and the largest of some numbers, or one number if both are formatted alike."""
     return " … ".join(dict.fromkeys(f"{value:{form}}" for value in (min(values), max(values)))) + unit
 
 

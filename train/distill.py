@@ -1,10 +1,11 @@
-"""Learn from a teacher, in minutes: the allocator's knowledge in a network that has no controller and solves no QP.
+"""Imitate a controller, in minutes: a network that flies without a controller and without solving a QP.
 
     python -m train.distill hover --seed 0
 
-A network commands thrusts, vectoring angles and joints, in torso axes; the tuned controller tells at every tick what it
-would command in its place, and is imitated on the states that the network brings about (DAgger, Ross et al. 2011). Two
-threads share the work: while one flies with the network of the round before, the other learns from all rounds so far.
+The network commands thrusts, vectoring angles and joints, in torso axes. At every tick the tuned controller computes
+the command that it would send. The network learns to imitate this command in the states that the network itself reaches
+(DAgger, Ross et al. 2011). Two threads share the work: one flies with the network of the previous round, the other
+learns from all previous rounds.
 """
 
 import shutil
@@ -37,31 +38,31 @@ if TYPE_CHECKING:
     from train.lib.taught import Lessons, TaughtFlights
 
 OPPONENT = "paper"
-"""Preset that the curves compare with; the row `qp`."""
+"""Preset that the learning curves compare with; row `qp` of the leaderboard."""
 
 
 @dataclass(frozen=True)
 class Args(TrackRecipe):
-    """Learn from a teacher."""
+    """Train a network by imitating a controller."""
 
     action_mode = "direct"
 
     trace_times: tuple[float, ...] = (0.2, 1.0, 5.0, 30.0)
-    """Time constants of the traces of the errors that the network sees [s]; none: a network without a memory."""
+    """Time constants of the low-passes (traces) of the errors that the network receives [s]; none: no memory."""
     robots: int = 8
-    """Robots on each track."""
+    """Number of robots on each track."""
     first_ticks: int = 500
-    """Ticks that the controller flies alone."""
+    """Control ticks per robot that the controller flies before the first round."""
     rounds: int = 100
-    """How often it flies and learns."""
+    """Number of rounds of flying and learning."""
     ticks: int = 150
-    """Ticks of every robot a round."""
+    """Control ticks per robot and round."""
     validations: int = 5
-    """How often it is evaluated."""
+    """Number of validations, evenly spaced over the rounds."""
     scenarios: int = 6
-    """Validation scenarios of each track."""
+    """Number of validation scenarios of each track."""
     workers: int = cpu_count()
-    """Processes that evaluate."""
+    """Number of processes that evaluate."""
     study: StudyConfig = field(default_factory=StudyConfig)
 
     def __post_init__(self) -> None:
@@ -70,12 +71,12 @@ class Args(TrackRecipe):
         require_least(1, **{name: getattr(self, name) for name in least})
         for track in self.tracks:
             if find_track(track).env_id != HOVER:
-                expected = "flights of Hover-v0: no controller of the ground gives advice, and a path is seen otherwise"
+                expected = "flights of Hover-v0: crawlers compute no advice, and paths have another observation"
                 raise InvalidValueError("tracks", track, expected)
 
     @property
     def updates(self) -> int:
-        """Steps of the optimiser in all."""
+        """Total number of optimiser steps."""
         return self.study.first_updates + self.rounds * self.study.updates
 
 
@@ -103,7 +104,7 @@ PRESETS: dict[str, Args] = {
 
 
 def artifact(args: Args, student: Student, state: State) -> Artifact:
-    """The averaged network as the benchmark's artifact."""
+    """Build the artifact of the averaged network."""
     *layers, skip = [{k: v.numpy().copy() for k, v in layer.state_dict().items()} for layer in student.average]
     curve = [[entry["steps"], round(entry["score"], 5)] for entry in state.curve]
     traced = torso.entries(*ERRORS) if args.trace_times else np.zeros(0)
@@ -119,7 +120,7 @@ def artifact(args: Args, student: Student, state: State) -> Artifact:
 
 
 def learn(args: Args) -> Path:
-    """One run, from its beginning or from the round in which it was interrupted; the path of its artifact."""
+    """Start a run or resume it at the interrupted round; return the path of its artifact."""
     require_frameworks()
     import torch
     from torch.utils.tensorboard import SummaryWriter
@@ -131,7 +132,7 @@ def learn(args: Args) -> Path:
     state = run.load() or State()
     flights = TaughtFlights(args.tracks, args.base, args.robots, training_seed(args.seed, 2), args.trace_times)
     with (
-        kept(lambda: f"{state.segment} of {args.rounds} rounds kept in {run.folder}; the same command goes on"),
+        kept(lambda: f"{state.segment} of {args.rounds} rounds kept in {run.folder}; the same command resumes"),
         Pool(args.workers) as pool,
         Stages(f"{args.name} seed {args.seed}", state.parts) as stages,
         SummaryWriter(str(run.folder / "tensorboard")) as board,
@@ -145,9 +146,9 @@ def learn(args: Args) -> Path:
 def _learn(
     args: Args, run: Run, state: State, flights: "TaughtFlights", pool: Pool, stages: Stages, board: "SummaryWriter"
 ) -> Path:
-    """Fly, learn and evaluate, round by round; the path of the artifact."""
+    """Fly, learn and evaluate, round by round; return the path of the artifact."""
     began = time.perf_counter() - state.seconds
-    stages.begin("playing the opponent", len(args.tracks) * args.scenarios, "scenario", "validation")
+    stages.begin("evaluating the paper's controller", len(args.tracks) * args.scenarios, "scenario", "validation")
     evaluator = PairedEvaluator(
         args.tracks, Base({"preset": OPPONENT}), args.scenarios, control=args.control, on_scenario=stages.count,
         each=pool.map,
@@ -178,7 +179,7 @@ def _learn(
             flown = beside.submit(flights.fly, lessons.student.frozen(), args.ticks, lessons.disturb)
             for _ in range(args.study.updates):
                 learn_once()
-            stages.say(words, "flights")  # those that the learner waits for
+            stages.say(words, "flights")  # the learner waits for the flights
             lessons.add(k, flown.result())
             if k in due:
                 steps = flights.ticks
@@ -198,10 +199,10 @@ def _learn(
 
 
 class Taught:
-    """Student, flights and lessons at the end of a round: all that the next one depends on, and kept."""
+    """Student, flights and lessons: the complete state between rounds, with its checkpoints."""
 
     def __init__(self, args: Args, run: Run, state: State, flights: "TaughtFlights") -> None:
-        """Begin with the teacher's own flights, or go on from the state of a run."""
+        """Start with flights of the teacher, or resume from the state of a run."""
         self._args, self._run, self._state, self._flights = args, run, state, flights
         self._folder = output_folder(run.folder / "lessons")
         self._draw, self.disturb = (np.random.Generator(np.random.PCG64(training_seed(args.seed, k))) for k in (4, 5))
@@ -216,7 +217,7 @@ class Taught:
         self._shelf = Shelf(args.study.room, first)
 
     def _file(self, k: int) -> Path:
-        """The lessons of a round, which stay until the run is done; 0 are the teacher's own."""
+        """Return the file with the lessons of a round, kept until the run is done; round 0 is the teacher's flights."""
         return self._folder / f"{k:04d}.npz"
 
     def _resume(self) -> None:
@@ -235,7 +236,7 @@ class Taught:
         flights.restore(parts["flights/"])
         for generator, name in ((self._draw, "draw"), (self.disturb, "disturb")):
             set_generator(generator, state.learner[name])
-        if state.segment < args.rounds:  # of a run that is done no lessons are left
+        if state.segment < args.rounds:  # the lessons of a completed run have been removed
             self._shelf = Shelf(args.study.room, Lessons.read(self._file(0), size, flights.count * args.first_ticks))
             for k in range(1, state.segment + 1):
                 self._shelf.add(Lessons.read(self._file(k), size, flights.count * args.ticks))
@@ -246,11 +247,11 @@ class Taught:
         return found | {"draw": generator_words(self._draw), "disturb": generator_words(self.disturb)}
 
     def learn_once(self) -> float:
-        """A step of the optimiser; the loss before it."""
+        """Take an optimiser step; return the loss before it."""
         return self.student.learn(self._shelf.draw(self._draw, self._args.study.batch))
 
     def add(self, k: int, lessons: "Lessons") -> None:
-        """Put the lessons of a round to the others."""
+        """Write the lessons of a round and add them to the buffer."""
         lessons.write(self._file(k))
         self._shelf.add(lessons)
 
@@ -260,7 +261,7 @@ class Taught:
         self._run.save(self._state)
 
     def clear(self) -> None:
-        """Remove the lessons of a run that is done: hundreds of megabytes."""
+        """Remove the lesson files of a completed run, which take hundreds of megabytes."""
         shutil.rmtree(self._folder, ignore_errors=True)
 
 

@@ -1,11 +1,11 @@
-"""Learn the gait's parameters by phase: a search in the engine, judged against the crawler that they are added to.
+"""Search for a crawler's gait parameters by phase, and compare the result with the crawler.
 
     python -m train.gait crawl --seed 0
 
-What is learned are 30 numbers: phase rate and vertical force at the feet in every phase that moves, raise angle,
-stride and lift height, once for the last cycle, which decides where the robot ends, and once for those before it. An
-episode's cost is known at its end alone: so the numbers are tried together, all trials of a generation on the very
-same robots, floors and goals, and `train/lib/search.py` says what follows from their costs.
+There are up to 30 parameters, added to those of the crawler: phase rate and vertical foot force in each of six phases
+that move, raise angle, stride and lift height. The last cycle, which determines the final pose, has its own set. The
+cost of an episode is known only at its end, so the search (`train/lib/search.py`) varies all parameters at once. All
+trials of a generation use the same robots, floors and goals.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,45 +37,45 @@ from train.lib.search import SearchConfig
 from train.lib.trials import EvaluationConfig, Piece, Task, TrialRecipe, learn_by_trials
 
 ACTION_MODE = "residual_gait_force"
-"""Action mode that the numbers are given to."""
+"""Action mode that the parameters are entries of."""
 MODE = find_action_mode(ACTION_MODE, CRAWL_MODES)
-"""Its channels."""
+"""Definition of this action mode, with its channels."""
 MOVING = tuple(PHASES.index(name) for name in ("raise", "swing", "lower", "up", "forward", "down"))
-"""Phases that have numbers of their own; the others are over at once."""
+"""Indices of the phases with parameters; the other phases end immediately."""
 CYCLES = 2
-"""Kinds of cycles with numbers of their own: the last one, and those before it."""
+"""Sets of parameters: one for the last cycle, one for the cycles before it."""
 BY_PHASE = ("rate", "force")
-"""What has a number for each phase that moves."""
+"""Parameters with a value for each phase that moves."""
 BY_CYCLE = ("raise", "stride", "lift")
-"""What has one for each kind of cycles."""
+"""Parameters with one value in each set."""
 COLUMNS = {"rate": 0, "raise": 1, "stride": 2, "lift": 3, "force": GAIT.size}
-"""Name → column of a table of phases: the entries of the gait, then the force."""
+"""Name → column of the phase table: the entries of the gait, then the force."""
 GROUND = tuple(name for name, track in TRACKS.items() if track.group == "ground")
-"""All crawls: a gait is one for every track."""
+"""All crawling tracks: one gait is learned for all of them."""
 
 
 @dataclass(frozen=True)
 class CostConfig:
-    """What a crawl costs."""
+    """Cost of a crawl."""
 
     energy: float = 0.025
-    """Cost of 1 Wh/m; the benchmark's error has the same."""
+    """Cost of 1 Wh/m, as in the benchmark's error."""
     hurry: float = 0.015
-    """Cost of 1 s/m: in 0.6 m as much as the energy, roughly."""
+    """Cost of 1 s/m; over 0.6 m roughly that of the energy."""
     goal: float = 0.5
-    """Largest cost of an error at the goal; 10 mm cost half of it, a radian counts 0.5 m."""
+    """Largest cost of the error at the goal; 10 mm cost half of it, and 1 rad counts like 0.5 m."""
     failure: float = 0.6
-    """Cost of what is no success, for whatever reason."""
+    """Additional cost of a crawl that is not a success."""
     fall: float = 2.0
-    """Cost of a crawl that ends early or does not arrive, all in all."""
+    """Total cost of a crawl that fails or does not arrive."""
 
     def __call__(self, metrics: Mapping[str, Any]) -> float:
-        """Cost of a crawl with the benchmark's metrics."""
+        """Compute the cost of a crawl from the benchmark's metrics."""
         if metrics["failed"]:
             return self.fall
         energy = metrics["cost_of_transport"] * ROBOT.total_mass * GRAVITY / 3600.0  # Wh/m
         way = metrics["energy_wh"] / energy
-        # Bounded: the few large errors at the goal would decide everything.
+        # Bounded, or a few large errors at the goal would dominate the cost.
         miss = (metrics["drift"] * way / SUCCESS_POSITION) ** 2
         failure = self.failure * (not metrics["success"])
         goal = self.goal * miss / (1.0 + miss)
@@ -84,14 +84,14 @@ class CostConfig:
 
 @dataclass(frozen=True)
 class Args(TrialRecipe):
-    """Learn the gait's parameters by phase."""
+    """Search for gait parameters by phase."""
 
     action_mode = ACTION_MODE
 
     learned: tuple[str, ...] = (*BY_PHASE, *BY_CYCLE)
-    """What is learned, of rate, force, raise, stride and lift; the rest stays as the crawler has it."""
+    """Parameters to learn, of rate, force, raise, stride and lift; the others keep the crawler's values."""
     crawls: int = 1
-    """Crawls of a trial on each track."""
+    """Number of crawls of a trial on each track."""
     cost: CostConfig = field(default_factory=CostConfig)
 
     def __post_init__(self) -> None:
@@ -110,12 +110,12 @@ PRESETS: dict[str, Args] = {
         "CMA-ES: rates and foot forces by phase on the crawler `robust_overlapped`.",
         GROUND,
         "robust_overlapped",
-        # Strides stay as searched: 15 % more or less cost a third of the time. Low lifts and raises let ducts touch the
-        # floor in one crawl of ten, which a search that sees ten a trial does not find out.
+        # Strides keep the tuned values: 15 % more or less costs a third of the time. With low lifts and raises, ducts
+        # touch the floor in one crawl of ten, which ten crawls per trial do not reveal reliably.
         learned=BY_PHASE,
         crawls=2,
-        # Mishaps count little here: by chance one of ten outweighs what a generation could tell, and the validation
-        # counts them in full.
+        # Failures have a low cost here: one chance failure in ten crawls would mask all other differences. The
+        # validation counts failures in full.
         cost=CostConfig(goal=0.3, failure=0.2, fall=1.0),
         search=SearchConfig(generations=8, population=12, spread=0.2),
         evaluation=EvaluationConfig(scenarios=16, validations=2),
@@ -133,7 +133,7 @@ PRESETS: dict[str, Args] = {
 
 
 def scaling() -> Scaling:
-    """What enters the network: phases as they are, and −1 in the last cycle, 1 before it."""
+    """Return the input scaling: phases unchanged, the remaining steps as −1 in the last cycle and 1 before it."""
     pieces = crawl_layout(MODE.size)
     mean = np.concatenate([np.full(p.size, 1.5 if p.name == "steps_left" else 0.0) for p in pieces])
     variance = np.concatenate([np.full(p.size, 1e-6 if p.name == "steps_left" else 1.0) for p in pieces])
@@ -141,18 +141,18 @@ def scaling() -> Scaling:
 
 
 def places(learned: Sequence[str]) -> list[tuple[int, tuple[int, ...], int]]:
-    """Kind of cycles, phases and column of every number, in their order."""
+    """Return set, phases and column of every parameter, in order."""
     found = []
     for kind in range(CYCLES):
         for name in learned:
-            # What belongs to a cycle counts in the tick in which a leg begins to rise, or the torso.
+            # Values of a cycle take effect in the tick in which a leg or the torso begins to rise.
             phases = [(k,) for k in MOVING] if name in BY_PHASE else [tuple(range(len(PHASES)))]
             found += [(kind, own, COLUMNS[name]) for own in phases]
     return found
 
 
 def phase_table(learned: Sequence[str], numbers: np.ndarray) -> np.ndarray:
-    """The gait's entries and the force in every phase of the last cycle, then of the others, shape (2 phases, 5)."""
+    """Build the phase table: parameters by phase in the last cycle, then before it, shape (2 · phases, 5)."""
     table = np.zeros((CYCLES, len(PHASES), len(COLUMNS)))
     for (kind, phases, column), number in zip(places(learned), numbers, strict=True):
         table[kind, phases, column] = number
@@ -160,7 +160,7 @@ def phase_table(learned: Sequence[str], numbers: np.ndarray) -> np.ndarray:
 
 
 def layers(table: np.ndarray) -> Layers:
-    """A table of phases as a network: two hidden units for each phase."""
+    """Convert a phase table to a network with two hidden units for each phase."""
     starts, start = {}, 0
     for piece in crawl_layout(MODE.size):
         starts[piece.name], start = start, start + piece.size
@@ -176,7 +176,7 @@ def layers(table: np.ndarray) -> Layers:
 
 
 def artifact(args: Args, numbers: np.ndarray, state: State) -> Artifact:
-    """The numbers as the benchmark's artifact."""
+    """Build the artifact of parameters."""
     return make_artifact(
         layers(phase_table(args.learned, numbers)), scaling(), state, name=args.name, kind="residual", doc=args.doc,
         env_id=CRAWL, arguments=args.arguments, activation="relu",
@@ -185,16 +185,16 @@ def artifact(args: Args, numbers: np.ndarray, state: State) -> Artifact:
 
 
 def crawl(args: Args, piece: Piece) -> tuple[float, int]:
-    """Cost of numbers on a track's scenarios, mean, and the ticks that it took."""
+    """Run a track's scenarios; return the mean cost and the simulated control ticks."""
     numbers, track, scenarios = piece
     played = play(LearnedPolicy(artifact(args, numbers, State())), track, scenarios, control=args.control)
     metrics = [each["metrics"] for each in played]
-    seconds = sum(each["duration_s"] or 0.0 for each in metrics)  # None where it diverged
+    seconds = sum(each["duration_s"] or 0.0 for each in metrics)  # None if the simulation diverged
     return float(np.mean([args.cost(each) for each in metrics])), round(seconds * CONTROL_RATE)
 
 
 def learn(args: Args) -> Path:
-    """One run, from its beginning or from where it was interrupted; the path of its artifact."""
+    """Start or resume a run; return the path of its artifact."""
     task = Task(
         CRAWL, len(places(args.learned)), args.crawls, "crawls", Base(args.arguments), scaling(),
         partial(artifact, args), partial(crawl, args),

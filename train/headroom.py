@@ -1,4 +1,4 @@
-"""What each channel of the action is worth before anybody learns: simple rules in it, against the base in pairs.
+"""Measure the potential of each channel of the action before training: paired comparison of simple rules with the base.
 
 python -m train.headroom tuned
 """
@@ -25,21 +25,21 @@ from train.lib.evaluate import Base, PairedEvaluator, Verdict
 Seen = Mapping[str, np.ndarray]
 """Pieces of an observation by name."""
 Rules = Mapping[str, tuple[str, Callable[[Seen], np.ndarray]]]
-"""Rule → its action mode, and the action by what is seen."""
+"""Rule → its action mode, and its action as a function of the observation."""
 
 
 @dataclass(frozen=True)
 class Args:
-    """Measure what each channel of the action is worth before anybody learns."""
+    """Compare simple rules in each channel of the action with the base controller."""
 
     base: tyro.conf.Positional[str]
     """Controller: paper, as_flown, tuned; published, overlapped, robust, robust_overlapped."""
     scenarios: int = 6
-    """Validation scenarios of each track."""
+    """Number of validation scenarios of each track."""
     control: str = CONTROL
-    """python, or core: the compiled controller, several times faster."""
+    """Controller implementation: python, or core, which is compiled and several times faster."""
     workers: int = cpu_count()
-    """Processes that fly."""
+    """Number of processes that run scenarios."""
 
     def __post_init__(self) -> None:
         if self.base not in (*FORMER_PRESETS, *FORMER_CRAWL_PRESETS):
@@ -48,44 +48,44 @@ class Args:
 
 
 def constant(entry: int, value: float, size: int, seen: Seen) -> np.ndarray:
-    """The same number in one entry, always."""
+    """Return an action with a constant value in one entry and zeros elsewhere."""
     action = np.zeros(size)
     action[entry] = value
     return action
 
 
 def ahead(seconds: float, seen: Seen) -> np.ndarray:
-    """Joint targets ahead of the plan, or behind it where negative."""
+    """Shift the joint targets ahead of the plan, or behind it if `seconds` is negative."""
     return np.append(seconds * seen["joint_command_velocity"] / actions.JOINT_AUTHORITY, 0.0)
 
 
 def form_early(seconds: float, seen: Seen) -> np.ndarray:
-    """Joint targets that begin to move towards the next form before it is the target."""
+    """Move the joint targets towards the next form before it becomes the target."""
     if seen["time_to_next_form"][0] >= seconds:
         return np.zeros(actions.JOINTS.size + 1)
     return np.append((seen["next_form"] - seen["joint_position"]) / actions.JOINT_AUTHORITY, 0.0)
 
 
 def leg_torque(fraction: float, seen: Seen) -> np.ndarray:
-    """A fraction of the torque that changes the legs' angular momentum."""
+    """Add a fraction of the torque that changes the legs' angular momentum."""
     return np.concatenate((np.zeros(3), fraction * seen["leg_momentum_rate"] / actions.WRENCH_AUTHORITY[3:]))
 
 
 def legs_pulled(force: float, seen: Seen) -> np.ndarray:
-    """Every leg pulled along the torso's vertical."""
+    """Pull every leg along the torso's vertical axis with a force [N]."""
     action = np.zeros(actions.CRAWL_MODES["residual_gait_force"].size)
     action[actions.GAIT.size + 2 :: 3] = force / actions.LEG_AUTHORITY
     return action
 
 
 def joint_speed(scale: float) -> tuple[str, Callable[[Seen], np.ndarray]]:
-    """The whole plan faster or slower."""
+    """Scale the speed of the joint plan."""
     size = actions.JOINTS.size
     return "residual_joint", partial(constant, size, (scale - 1.0) / actions.SPEED_AUTHORITY, size + 1)
 
 
 def gait_parameter(entry: int, scale: float) -> tuple[str, Callable[[Seen], np.ndarray]]:
-    """One number of the gait, scaled."""
+    """Scale one parameter of the gait."""
     authority = actions.SPEED_AUTHORITY if entry == 0 else actions.GAIT_AUTHORITY
     return "residual_gait", partial(constant, entry, (scale - 1.0) / authority, actions.GAIT.size)
 
@@ -105,7 +105,7 @@ IN_FLIGHT: Rules = {
         for fraction in (-0.25, 0.25, 0.5)
     },
 }
-"""What is tried in flight."""
+"""Rules for flight."""
 ON_THE_GROUND: Rules = {
     **{
         f"{name} × {scale:g}": gait_parameter(entry, scale)
@@ -114,14 +114,14 @@ ON_THE_GROUND: Rules = {
     },
     **{f"legs pulled by {force:+g} N": ("residual_gait_force", partial(legs_pulled, force)) for force in (2.0, -2.0)},
 }
-"""What is tried on the ground."""
+"""Rules for crawling."""
 
 
 class Rule(Base):
-    """A rule on top of a controller."""
+    """Policy of a rule whose action is added to a controller."""
 
     def __init__(self, preset: str, mode: str, action: Callable[[Seen], np.ndarray]) -> None:
-        """Take the controller, the action mode and the action by what is seen."""
+        """Store the controller, the action mode and the action as a function of the observation."""
         super().__init__({"preset": preset, "action_mode": mode})
         self._action = action
         flies = preset in (*PRESETS, *FORMER_PRESETS)
@@ -130,18 +130,18 @@ class Rule(Base):
         self._names, self._ends = [field.name for field in fields], np.cumsum([field.size for field in fields[:-1]])
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """The rule's action, within its bounds."""
+        """Compute the rule's action, clipped to ± 1."""
         pieces = np.split(observation, self._ends)
         return np.clip(self._action(dict(zip(self._names, pieces, strict=True))), -1.0, 1.0)
 
 
 def measured_on(base: str) -> tuple[tuple[str, ...], Rules]:
-    """Tracks and rules for a controller."""
+    """Return the tracks and rules for a controller."""
     return (envs.FLIGHTS, IN_FLIGHT) if base in (*PRESETS, *FORMER_PRESETS) else (("ground-randomised",), ON_THE_GROUND)
 
 
 def measure(args: Args, on_scenario: Callable[[], object] = lambda: None) -> dict[str, Verdict]:
-    """Rule → its comparison with the base alone, on the validation scenarios of the base's tracks."""
+    """Compare each rule with the base alone on validation scenarios: rule → verdict."""
     tracks, rules = measured_on(args.base)
     with Pool(args.workers) as pool:
         alone = Base({"preset": args.base})
@@ -152,7 +152,7 @@ def measure(args: Args, on_scenario: Callable[[], object] = lambda: None) -> dic
 
 
 def headroom_table(base: str, verdicts: Mapping[str, Verdict]) -> str:
-    """A line a rule: change of each metric on each track [%], and of success where it changed."""
+    """Format a line for each rule: change of each metric on each track [%], and of the success rate if it changed."""
     first = next(iter(verdicts.values())).cells
     lines = [[f"on {base}", *first, "success"]]
     for name, verdict in verdicts.items():

@@ -1,13 +1,14 @@
-"""Learn a residual with a memory: what pulls at the robot now, from what was seen since the flight began.
+"""Learn a residual with a memory: forces against external disturbances, estimated from the history of the flight.
 
     python -m train.memory hover --seed 0
 
-The base flies on all tracks, in wind and as drawn robots too, and its true pose errors are recorded, which no sensor
-tells. A network remembers the force that its commands do not explain, as low-passes over a tenth of a second up to many
-seconds, and is fitted such that its wrench, sent through the measured response of the closed loop, cancels what was
-recorded. What it remembers is what the robot feels beyond the commands, residual included, so the loop that it closes
-is weak: the errors that it was fitted to stay valid. Calm flights have as much of a say as windy ones, and a louder one
-where they would lose by it. Then the agent flies, and the rest is learned from what it left.
+The base flies on all tracks, also in wind and with randomised robots, and its true pose errors are recorded from the
+simulation. The network receives low-passes, over a tenth of a second to several seconds, of the external force: the
+part of the acceleration that the commands do not explain. It is fitted so that its wrench, convolved with the measured
+pulse response of the closed loop, cancels the recorded errors. The commands include the residual, so the residual
+hardly affects the external force, and the recorded errors remain valid for the fit. Calm flights have the same weight
+as windy ones, and a larger weight where they get worse. Further rounds fly with the network and fit the remaining
+errors.
 """
 
 import itertools
@@ -42,37 +43,37 @@ if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
 
 OBSERVATION = sum(piece.size for piece in layout(POSE))
-"""Length of the observation that the artifact is shown; the network sees none of it."""
+"""Length of the artifact's observation, of which the network receives nothing directly."""
 FORCES = 3
-"""What it answers: forces; torques stay 0."""
+"""Number of outputs: forces; torques stay 0."""
 SLACK = 0.01
-"""A cell's mean square may grow by this, half a percent of its RMS: less is within the spread of a batch."""
+"""Increase of a cell's relative mean square without penalty: half a percent of its RMS, the scatter of a batch."""
 FLAT = 2.5
-"""A unit with this bias does nearly nothing: tanh has a fortieth of its slope there."""
+"""Bias with which a unit is nearly inactive: the slope of tanh there is a fortieth of its maximum."""
 FIRST = 40
-"""Ticks at the beginning of a flight that do not count, as in the benchmark's errors."""
+"""Control ticks at the beginning of a flight that are left out, as in the benchmark's errors."""
 
 
 @dataclass(frozen=True)
 class FitConfig:
-    """The network, and how it is fitted."""
+    """Network and optimisation."""
 
     trace_times: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)
-    """Time constants of what it remembers [s]."""
+    """Time constants of the low-passes (traces) of the external force [s]."""
     rotor_lag: float = 0.05
-    """Time constant of the rotors that it believes in [s]."""
+    """Assumed time constant of the rotors [s]."""
     hidden: int = 24
-    """Units of the hidden layer, each of which has a mirror image."""
+    """Units of the hidden layer, each with a mirrored copy."""
     updates: int = 2000
-    """Steps of the optimiser a round."""
+    """Optimiser steps per round."""
     batch: int = 8
-    """Flights of every track in a step of the optimiser."""
+    """Flights of every track in an optimiser step."""
     lr: float = 3e-3
-    """Learning rate at the beginning; it falls to 0 along a cosine."""
+    """Initial learning rate; it falls to 0 along a cosine."""
     decay: float = 0.01
     """Weight decay."""
     harm: float = 10.0
-    """How much more a cell counts that becomes worse than the base's."""
+    """Additional weight of a cell's increase over the base's mean square error; a cell is one metric on one track."""
 
     def __post_init__(self) -> None:
         require_least(1, updates=self.updates, batch=self.batch, hidden=self.hidden)
@@ -85,16 +86,16 @@ class Args(TrackRecipe):
     action_mode = "residual_wrench"
 
     rounds: int = 1
-    """How often it flies and learns; the base alone flies in the first round. One is enough: what is flown is what the
-    fit foresaw."""
+    """Number of rounds of flying and fitting; the base flies alone in the first round. One is enough, as the errors in
+    flight match those of the fit."""
     robots: int = 64
-    """Flights of each track a round."""
+    """Number of flights on each track per round."""
     forms: int = 4
-    """Forms in which the response to a pulse is measured."""
+    """Number of forms in which the pulse response is measured."""
     scenarios: int = 12
-    """Validation scenarios of each track."""
+    """Number of validation scenarios of each track."""
     workers: int = cpu_count()
-    """Processes that fly."""
+    """Number of processes that fly."""
     fit: FitConfig = field(default_factory=FitConfig)
 
     def __post_init__(self) -> None:
@@ -103,7 +104,7 @@ class Args(TrackRecipe):
         require_least(1, **{name: getattr(self, name) for name in least})
         for track in self.tracks:
             if find_track(track).env_id != HOVER:
-                expected = "flights of Hover-v0: a crawl has no pose to hold, a path many"
+                expected = "flights of Hover-v0: crawls and paths have no single pose to hold"
                 raise InvalidValueError("tracks", track, expected)
 
 
@@ -120,33 +121,33 @@ PRESETS: dict[str, Args] = {
 
 @dataclass(frozen=True)
 class Records:
-    """Flights of one track."""
+    """Records of the flights on one track."""
 
     inputs: np.ndarray
-    """What the network saw: external force and traces, (robots, ticks, inputs)."""
+    """Inputs of the network: external force and traces, (robots, ticks, inputs)."""
     actions: np.ndarray
-    """Residual wrench in its own unit, (robots, ticks, 6)."""
+    """Residual wrench as an action within ± 1, (robots, ticks, 6)."""
     errors: np.ndarray
     """True pose errors after each tick, (robots, ticks, 6) [m], [rad]."""
 
     def plus(self, other: "Records") -> "Records":
-        """These and others of the same track."""
+        """Concatenate these records with others of the same track."""
         return Records(*(np.concatenate(pair) for pair in zip(vars(self).values(), vars(other).values(), strict=True)))
 
 
 def network_inputs(config: FitConfig) -> int:
-    """How many numbers the network sees."""
+    """Return the number of the network's inputs."""
     return external.SIZE + len(traced()) * len(config.trace_times)
 
 
 def traced() -> np.ndarray:
-    """Entries of the external force, and of the same without its signs, that have traces."""
+    """Return the indices of the external force and its absolute values, which have traces."""
     return OBSERVATION + np.arange(2 * 3)
 
 
 def fly(args: Args, agent: Artifact, round_index: int, track: str) -> Records:
-    """Flights of the agent on one track, side by side; they begin as scenarios do, trimmed for their robot and wind."""
-    from train.lib.vector import make_vector  # with torch, which help does without
+    """Fly the agent on one track, in parallel; flights begin like scenarios, trimmed for their robot and wind."""
+    from train.lib.vector import make_vector  # imported late: needs torch
 
     vector, policy = make_vector(track, args.arguments, args.robots), LearnedPolicy(agent)
     words = 2, round_index, list(TRACKS).index(track)
@@ -171,9 +172,9 @@ def fly(args: Args, agent: Artifact, round_index: int, track: str) -> Records:
 
 @dataclass(frozen=True)
 class Weights:
-    """h(x) − h(x′) + M x, where x′ is x with every force the other way: what pulls the other way is answered so.
+    """Weights of the network h(x) − h(x′) + M x, where x′ is x with all forces reversed, so the output is odd in them.
 
-    h is a hidden layer of tanh; sizes, which have no signs, say how steep it is and bring no answer of their own.
+    h is a hidden layer of tanh. The absolute values of the forces only modulate its slope.
     """
 
     hidden: np.ndarray
@@ -186,27 +187,27 @@ class Weights:
     """M, (3, inputs)."""
 
     def weakened(self, fraction: float) -> "Weights":
-        """The same network with a fraction of its output."""
+        """Return the network with its output multiplied by a fraction."""
         return Weights(self.hidden, self.bias, fraction * self.last, fraction * self.skip)
 
 
 def silent(config: FitConfig) -> Weights:
-    """The network that adds nothing."""
+    """Return a network with zero output."""
     size, units = network_inputs(config), config.hidden
     return Weights(np.zeros((units, size)), np.zeros(units), np.zeros((FORCES, units)), np.zeros((FORCES, size)))
 
 
 def turned(config: FitConfig) -> np.ndarray:
-    """−1 for inputs that are forces, 1 for those that are sizes, (inputs,)."""
+    """Return the signs of x′: −1 for inputs that are forces, 1 for their absolute values, (inputs,)."""
     pull = np.repeat([-1.0, 1.0], FORCES)
     return np.concatenate([pull, np.ones(FORCES), np.tile(pull, len(config.trace_times))])
 
 
 def input_scale(records: Mapping[str, Records]) -> np.ndarray:
-    """RMS of what the network sees, over all tracks alike, (inputs,); 0 for what it does not see.
+    """Compute the RMS of the inputs, averaged over the tracks, (inputs,); 0 for inputs that the network ignores.
 
-    That is the force of this very tick: most of it is noise, and what the rotors do within a tick or two of the last
-    command, which an answer to it would drive in a circle.
+    The network ignores the force of the current tick. It mostly consists of noise and of the rotors' lag of one or two
+    ticks behind the last command, with which a response to it would form an unstable feedback loop.
     """
     squares = [np.square(own.inputs, dtype=float).mean(axis=(0, 1)) for own in records.values()]
     scale = np.sqrt(np.mean(squares, axis=0))
@@ -222,20 +223,20 @@ def fit(
     seed: int,
     on_update: Callable[[float], object],
 ) -> Weights:
-    """Fit a network whose forces, sent through the response, cancel the recorded errors.
+    """Fit a network whose forces, convolved with the pulse response, cancel the recorded errors.
 
-    The recorded errors had the recorded residual in them; it is taken out first. A cell, position or attitude of a
-    track, counts by its mean square over the base's, and `harm` times as much where that is above 1 and `SLACK`.
+    First the effect of the recorded residual is subtracted from the recorded errors. The loss of a cell, position or
+    attitude of a track, is its mean square divided by that of the base, plus `harm` times its excess over 1 + `SLACK`.
 
     Args:
-        config: The network, and how it is fitted.
-        records: Flights so far, by track.
-        response: Response of the pose to a pulse, shape (6 errors, 6 entries, ticks).
-        scale: What each input is divided by, (inputs,).
-        seed: Seed of first weights and batches.
+        config: Network and optimisation.
+        records: Track → all flights recorded so far.
+        response: Pulse response of the pose, shape (6 errors, 6 entries, ticks).
+        scale: Scale by which each input is divided, (inputs,); 0 for ignored inputs.
+        seed: Seed of the initial weights and the batches.
         on_update: Called with the loss of every step.
     """
-    # Loaded by those who learn: whoever asks for help need not have it.
+    # Imported late so that `--help` works without torch.
     import torch
     from torch import nn
 
@@ -249,7 +250,7 @@ def fit(
     with torch.no_grad():
         for layer in (last, skip):
             layer.weight.zero_()
-        # Every other unit begins as one that answers in wind alone: flat where nothing pulled across before.
+        # Every other unit initially responds in wind only: nearly flat unless the first integral has a horizontal part.
         hidden.bias[::2] = FLAT
         hidden.weight[::2, 2 * FORCES : 2 * FORCES + 2] = -0.6 * FLAT
         hidden.weight.mul_(torch.tensor(seen > 0.0))
@@ -286,17 +287,17 @@ def fit(
 
 
 def responder(response: np.ndarray) -> Callable[["torch.Tensor"], "torch.Tensor"]:
-    """Forces in their own unit (robots, ticks, 3) → pose errors that they cause (robots, ticks, 6).
+    """Return a function: forces as actions (robots, ticks, 3) → pose errors that they cause (robots, ticks, 6).
 
     Args:
-        response: Response of the pose to a pulse, shape (6 errors, 6 entries, length).
+        response: Pulse response of the pose, shape (6 errors, 6 entries, length).
     """
     import torch
 
     kernel = torch.tensor(response[:, :FORCES], dtype=torch.float32)
 
     def sent(forces: "torch.Tensor") -> "torch.Tensor":
-        # A product of spectra: the convolution itself takes as long as everything else together five times.
+        # A product of spectra; a direct convolution takes five times as long as everything else together.
         ticks = forces.shape[1]
         size = 1 << (ticks + kernel.shape[2] - 1).bit_length()
         spectra = torch.fft.rfft(forces.transpose(1, 2), size)
@@ -307,7 +308,7 @@ def responder(response: np.ndarray) -> Callable[["torch.Tensor"], "torch.Tensor"
 
 
 def artifact(args: Args, weights: Weights, scale: np.ndarray, state: State) -> Artifact:
-    """A network as the benchmark's artifact, which is shown the whole observation."""
+    """Build the artifact of a network, with zero weights for the observation itself."""
     inputs, unseen, rest = OBSERVATION + network_inputs(args.fit), OBSERVATION, POSE - FORCES
     mirror = turned(args.fit)
     hidden = np.concatenate([weights.hidden, weights.hidden * mirror])
@@ -328,18 +329,18 @@ def artifact(args: Args, weights: Weights, scale: np.ndarray, state: State) -> A
 
 
 def weakened(args: Args, weights: Weights, scale: np.ndarray, state: State, fraction: float) -> Artifact:
-    """The artifact of a fraction of what was learned."""
+    """Build the artifact of a network with its output multiplied by a fraction."""
     return artifact(args, weights.weakened(fraction), scale, state)
 
 
 def learn(args: Args) -> Path:
-    """One run; the path of its artifact."""
+    """Perform a run; return the path of its artifact."""
     require_frameworks()
     from torch.utils.tensorboard import SummaryWriter
 
     run, state = Run.of(args, HOVER, args.arguments), State()
     with (
-        kept(lambda: f"the curve of {state.segment} of {args.rounds} rounds kept in {run.folder}; it begins anew"),
+        kept(lambda: f"the curve of {state.segment} of {args.rounds} rounds kept in {run.folder}; a rerun restarts it"),
         Pool(args.workers) as pool,
         Stages(f"{args.name} seed {args.seed}", state.parts) as stages,
         SummaryWriter(str(run.folder / "tensorboard")) as board,
@@ -348,7 +349,7 @@ def learn(args: Args) -> Path:
 
 
 def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board: "SummaryWriter") -> Path:
-    """Fly, fit and evaluate, round by round; the path of the artifact."""
+    """Fly, fit and evaluate, round by round; return the path of the artifact."""
     began, updates, ticks = time.perf_counter(), itertools.count(), 0
     validations = len(args.tracks) * args.scenarios
 
@@ -356,7 +357,7 @@ def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board
         board.add_scalar("train/loss", loss, next(updates))
         stages.count()
 
-    stages.begin("playing the base", validations, "scenario", "validation")
+    stages.begin("evaluating the base", validations, "scenario", "validation")
     evaluator = PairedEvaluator(
         args.tracks, Base(args.arguments), args.scenarios, control=args.control, on_scenario=stages.count,
         each=pool.map,
@@ -379,11 +380,11 @@ def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board
             records[track] = records[track].plus(own) if k else own
             ticks += own.actions.shape[0] * own.actions.shape[1]
         if k == 0:
-            scale = input_scale(records)  # what the base's flights show scales all rounds
+            scale = input_scale(records)  # the base's flights determine the scale of all rounds
         stages.begin(f"round {k + 1} of {args.rounds}, fitting", args.fit.updates, "update", "learner")
         weights = fit(args.fit, records, response, scale, training_seed(args.seed, 3, k), on_update)
 
-        stages.begin(f"round {k + 1} of {args.rounds}, playing against the base", validations, "scenario", "validation")
+        stages.begin(f"round {k + 1} of {args.rounds}, comparing with the base", validations, "scenario", "validation")
         verdict, fraction = evaluator.largest_fraction(partial(weakened, args, weights, scale, state), stages.count)
         stages.evaluated(verdict)
         weights = weights.weakened(fraction)

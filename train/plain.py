@@ -1,9 +1,9 @@
-"""PPO of plain Stable-Baselines3, as its own documentation has it: an id, two words, and a zip.
+"""Train PPO of Stable-Baselines3 with its default settings, as in its documentation, and save a zip.
 
     python -m train.plain --steps 20000
 
-What it saves flies, but worse than the controller alone: the noise of the defaults is as large as the action, and
-nothing is validated. `train.residual` is the same PPO with what a residual needs.
+The saved policy flies, but worse than the controller alone: the default exploration noise is as large as the action,
+and no agent is selected by validation. `train.residual` uses the same PPO with settings suited to a residual.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from spidar_gym.files import output_folder
 from train.lib.run import require_frameworks
 
 ROLLOUT = 2048
-"""Ticks of a rollout, of all robots together: Stable-Baselines3's own number."""
+"""Length of a rollout [control ticks], summed over all robots; the default of Stable-Baselines3."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +28,9 @@ class Args:
     """Train a wrench residual with the defaults of Stable-Baselines3's PPO, and save its zip."""
 
     steps: int = 20000
-    """Ticks to learn from, rounded up to whole rollouts of 2048."""
+    """Length of training [control ticks], summed over all robots and rounded up to whole rollouts of 2048."""
     robots: int = 1
-    """Robots: one is `gymnasium.make`; more fly side by side in the engine, `gymnasium.make_vec`."""
+    """Number of robots; 1 uses `gymnasium.make`, more are simulated in parallel by `gymnasium.make_vec`."""
     seed: int = 0
     """Seed of the learner and the environments."""
     out: Path = Path("out/plain")
@@ -45,7 +45,7 @@ def main() -> None:
     """Entry point."""
     args = tyro.cli(Args, description=__doc__, prog="python -m train.plain")
     require_frameworks()
-    from stable_baselines3 import PPO  # with torch, which help does without
+    from stable_baselines3 import PPO  # imported late so that `--help` works without torch
 
     path = output_folder(args.out) / "model.zip"
     if args.robots == 1:

@@ -1,11 +1,11 @@
-"""Learn what to add to a controller: PPO or SAC in the environments of the tracks' kinds, judged against the base.
+"""Train a policy by PPO or SAC, usually as a residual on a controller, and compare it with that controller.
 
     python -m train.residual hover-paper-ppo --seed 0
 
-A run is a chain of segments. Each begins with fresh episodes and seeds of its own, so it depends on the state before
-it and on nothing else: an interrupted run goes on with the same command, and ends as it would have ended.
+A run is a chain of segments. Each begins with new episodes and its own seeds, so it depends only on the state before
+it. The same command resumes an interrupted run, with the same result as without the interruption.
 
-Read `Args` in `train/lib/settings.py`, then `learn`; how the agent is made and what an update is stands in
+To read the code, begin with `Args` in `train/lib/settings.py`, then `learn`. The agent and its updates are in
 `train/lib/agent.py`.
 """
 
@@ -47,15 +47,15 @@ def make_robots(
     relative_errors: Mapping[str, Sequence[float]] = MappingProxyType({}),
     tracks: Sequence[str] = (),
 ) -> "TrainingVec":
-    """The robots to learn on; the tracks take turns.
+    """Create the training robots, with the tracks assigned in turn.
 
     Args:
         args: Settings.
         scaling: Scaling of the observations.
-        relative_errors: Those of `PairedEvaluator.relative_errors`; 1 where a track has none.
-        tracks: Other tracks than the settings'.
+        relative_errors: Errors from `PairedEvaluator.relative_errors`; 1 for tracks not listed.
+        tracks: Tracks to use instead of those of the settings.
     """
-    # Loaded by those who learn, as torch is: whoever asks for help need not have it.
+    # Imported late so that `--help` works without torch.
     from train.lib.vector import TrainingVec
 
     env = replace(args.env, tracks=tuple(tracks)) if tracks else args.env
@@ -66,7 +66,7 @@ def make_robots(
 
 
 def make_agent(args: Args, envs: "TrainingVec", logs: str | None = None) -> "Agent":
-    """An agent that adds nothing yet."""
+    """Build an agent with a mean action of zero."""
     from train.lib.agent import build
 
     hidden, still = args.env.hidden_entries(), args.env.still_entries()
@@ -75,10 +75,9 @@ def make_agent(args: Args, envs: "TrainingVec", logs: str | None = None) -> "Age
 
 
 def make_scaling(args: Args, on_tick: Callable[[], object] = lambda: None) -> Scaling:
-    """What the network is shown is scaled by what the baseline sees, once and for all.
+    """Determine the scaling of the observations from flights of the baseline; it stays constant during the run.
 
-    Without a controller it is scaled by what the network will see itself: the baseline's are nothing but falls, in
-    which every error is far beyond those of a flight that is held level.
+    Without a controller, random actions are used instead of zero actions, as the untrained network will explore.
     """
     from train.lib.vector import baseline_scaling
 
@@ -90,7 +89,7 @@ def make_scaling(args: Args, on_tick: Callable[[], object] = lambda: None) -> Sc
 
 
 def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Artifact:
-    """An actor as the benchmark's artifact."""
+    """Build the artifact of an actor."""
     env, ppo = args.env, args.learner.algorithm == "ppo"
     output = "torso" if env.torso else "clip" if ppo else "tanh"
     skip = np.zeros((0, 0), np.float32)
@@ -109,36 +108,36 @@ def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Arti
 
 
 def learn(args: Args, *, on_segment: Callable[[dict[str, Any]], object] = lambda _: None) -> Path:
-    """One run, from its beginning or from where it was interrupted.
+    """Start or resume a run.
 
     Args:
         args: Settings.
         on_segment: Called with each line of the curve.
 
     Returns:
-        The path of the artifact.
+        Path of the artifact.
     """
     require_frameworks()
     run = Run.of(args, args.env.env_id, args.env.arguments)
     state = run.load() or State()
     with (
-        kept(lambda: f"{state.segment * args.schedule.segment} ticks kept in {run.folder}; the same command goes on"),
+        kept(lambda: f"{state.segment * args.schedule.segment} ticks kept in {run.folder}; the same command resumes"),
         Stages(f"{args.name} seed {args.seed}", state.parts) as stages,
     ):
         return _learn(args, run, state, stages, on_segment)
 
 
 class Course:
-    """The robots to learn on: first those of a few tracks, then those of all."""
+    """Curriculum of training robots: first those of `first_tracks`, then those of all tracks."""
 
     def __init__(self, args: Args, scaling: Scaling, relative_errors: Mapping[str, Sequence[float]]) -> None:
-        """Take the settings; robots are made when they are asked for."""
+        """Store the settings; robots are created on demand."""
         self._args, self._make = args, partial(make_robots, args, scaling, relative_errors)
         self._tracks: tuple[str, ...] = ()
         self._now: TrainingVec | None = None
 
     def robots(self, segment: int) -> "TrainingVec":
-        """Those of a segment."""
+        """Return the robots of a segment."""
         schedule, env = self._args.schedule, self._args.env
         tracks = env.first_tracks if segment * schedule.segment < schedule.first_steps else env.tracks
         if self._now is None or tracks != self._tracks:
@@ -147,13 +146,13 @@ class Course:
         return self._now
 
     def close(self) -> None:
-        """Stop their threads."""
+        """Stop the threads of the robots."""
         if self._now is not None:
             self._now.close()
 
 
 def _first_scaling(args: Args, origin: Artifact | None, stages: Stages) -> Scaling:
-    """How what is seen enters the network: as in the one that it begins as, else by what the baseline sees."""
+    """Return the scaling of the initial artifact if there is one; otherwise determine it from the baseline."""
     if origin is not None:
         return Scaling(origin.mean, origin.variance, origin.clip)
     ticks = len(args.env.tracks) * (args.schedule.scaling_ticks // args.env.hold)
@@ -164,13 +163,13 @@ def _first_scaling(args: Args, origin: Artifact | None, stages: Stages) -> Scali
 def _learn(
     args: Args, run: Run, state: State, stages: Stages, on_segment: Callable[[dict[str, Any]], object]
 ) -> Path:  # fmt: skip
-    """Learn from a state on; the path of the artifact."""
+    """Continue the run from a state; return the path of the artifact."""
     from train.lib import agent
 
     env, learner, schedule = args.env, args.learner, args.schedule
     segments = max(1, round(schedule.steps / schedule.segment))
 
-    stages.begin("playing the base", len(env.tracks) * args.evaluation.scenarios, "scenario", "validation")
+    stages.begin("evaluating the base", len(env.tracks) * args.evaluation.scenarios, "scenario", "validation")
     origin = find_origin(args.start, args.seed, env, learner)
     base = Base(env.arguments if env.adds else {"preset": env.base}) if origin is None else LearnedPolicy(origin)
     evaluator = PairedEvaluator(env.tracks, base, args.evaluation.scenarios, control=CONTROL, on_scenario=stages.count)
@@ -189,7 +188,7 @@ def _learn(
     if state.learner:
         for name, layers in (("mean", state.mean), ("best", state.best)):
             run.require_alike(layer_arrays(name, layers), layer_arrays(name, agent.actor_layers(model)))
-            artifact(args, layers, scaling, state)  # it refuses what is no network
+            artifact(args, layers, scaling, state)  # raises an error for invalid layers
         run.require_alike(state.learner, agent.save_state(model))
         agent.load_state(model, state.learner)
     else:
@@ -220,7 +219,7 @@ def _learn(
         state.segment, state.mean, state.learner = state.segment + 1, actor.mean, agent.save_state(model)
         steps = state.segment * schedule.segment
 
-        stages.say("playing against the base", "validation")
+        stages.say("comparing with the base", "validation")
         verdict = evaluator.evaluate(artifact(args, state.mean, scaling, state))
         stages.evaluated(verdict)
         if not args.evaluation.select or (verdict.admissible and verdict.score < state.best_score):
@@ -240,12 +239,12 @@ def _learn(
 
 
 def _between(first: float, last: Last, done: float) -> Last:
-    """What changes evenly from `first` to `last`, when this fraction of the run is done; None where nothing does."""
+    """Interpolate linearly from `first` to `last` at this fraction of the run; None if `last` is None."""
     return last if last is None else first + (last - first) * done
 
 
 def _reward(model: "Agent") -> float | None:
-    """Training reward of a decision, mean over the last episodes."""
+    """Return the training reward per decision, averaged over the last episodes; None before the first one ends."""
     episodes = [episode["r"] / episode["l"] for episode in model.ep_info_buffer or ()]
     return float(np.mean(episodes)) if episodes else None
 

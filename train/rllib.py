@@ -1,7 +1,7 @@
-"""The same environment in RLlib: PPO on `spidar_gym/Hover-v0` through Gymnasium's interface and nothing else.
+"""Train PPO of RLlib on `spidar_gym/Hover-v0`, through Gymnasium's interface alone.
 
-RLlib asks for one version of Gymnasium (Ray 2.60 for 1.2.2, this package for 1.2 or newer), so it gets an environment
-of its own:
+RLlib requires one exact version of Gymnasium (Ray 2.60 requires 1.2.2, this package 1.2 or newer). Install it in a
+separate Python environment:
 
     python3 -m venv .venv-rllib
     .venv-rllib/bin/pip install 'torch<2.14'
@@ -20,21 +20,21 @@ from spidar_gym.cli.console import run_cli
 from spidar_gym.errors import MissingDependencyError, require_least
 
 FRACTION = 0.1
-"""Fraction of an action that reaches the robot: RLlib's Gaussian begins with a standard deviation of about 1."""
+"""Factor applied to actions, as RLlib's Gaussian has an initial standard deviation of about 1."""
 
 
 @dataclass(frozen=True)
 class Args:
-    """Train a wrench residual with RLlib's PPO, and print its mean return beside the controller's own."""
+    """Train a wrench residual with RLlib's PPO, and print its mean return and that of the controller alone."""
 
     iterations: int = 5
-    """Rollouts, each with its update."""
+    """Number of iterations, each a rollout and an update."""
     batch: int = 2000
-    """Ticks of a rollout."""
+    """Length of a rollout [control ticks]."""
     ticks: int = 200
-    """Ticks of an episode."""
+    """Length of an episode [control ticks]."""
     runners: int = 0
-    """Processes that play; 0 plays in this one."""
+    """Number of processes that run episodes; 0 uses this process."""
     seed: int = 0
     """Seed of the learner and the environments."""
 
@@ -44,7 +44,7 @@ class Args:
 
 
 def make(config: dict[str, Any]) -> gymnasium.Env:
-    """A flight; Gymnasium imports the package named before the colon, in whatever process this is called."""
+    """Make a flight environment; Gymnasium imports the package named before the colon in every process."""
     env = gymnasium.make("spidar_gym:spidar_gym/Hover-v0", forms="independent", max_episode_steps=config["ticks"])
     return gymnasium.wrappers.TransformAction(env, lambda action: FRACTION * action, env.action_space)
 

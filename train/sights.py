@@ -1,9 +1,10 @@
-"""What each way of observing costs a learner of plain Stable-Baselines3, and what comes of a minute of learning.
+"""Compare observation modes in Stable-Baselines3: CPU time of an update, and the result of a minute of learning.
 
     python -m train.sights
 
-A minute is one of the processor, so that it is the same on a busy machine. Crawls learn by SAC how the gait's phases
-are timed, on 0.2 m in a drawn direction; flights of drawn robots in wind learn by PPO what to add to the wrench.
+The minute is CPU time, so that the load of the machine has no effect. On crawls of 0.2 m in a random direction, SAC
+learns a residual on the timing of the gait's phases. On flights of randomised robots in wind, PPO learns a residual
+wrench.
 """
 
 import time
@@ -26,9 +27,9 @@ from spidar_gym.text import format_table
 from train.lib.run import FRAMEWORKS, require_frameworks
 
 ROBOTS, JUDGED = 8, 16
-"""Robots that learn side by side, and those that are judged."""
+"""Number of robots in training and in evaluation."""
 JUDGED_SEED = 1000
-"""Seed of those that are judged: no learner's."""
+"""Seed of the evaluation, different from all training seeds."""
 CRAWLS = {"distance": 0.2, "schedule": "overlapped", "max_episode_steps": 400}
 FLIGHTS = {
     "forms": "equal", "joint_speed": 0.6, "sensors": True, "randomization": 1.0, "disturbances": {"wind": 2.0},
@@ -47,16 +48,16 @@ HEADS = (
 
 @dataclass(frozen=True)
 class Case:
-    """A learner."""
+    """A learner and its environment."""
 
     env_id: str
-    """Where it learns."""
+    """Environment id."""
     options: dict[str, Any]
     """Arguments of the environment."""
     policy: str
-    """Name of the policy: Stable-Baselines3's own, or `AsymmetricPolicy`."""
+    """Name of the policy, of Stable-Baselines3 or `AsymmetricPolicy`."""
     hindsight: bool = False
-    """Whether its replay buffer says afterwards what the goal was."""
+    """Whether the replay buffer relabels goals in hindsight (HER)."""
 
 
 CASES = {
@@ -72,16 +73,16 @@ CASES = {
 
 @dataclass(frozen=True)
 class Args:
-    """Let learners learn for a minute each, and say what it cost and what came of it."""
+    """Train each learner for a fixed CPU time, and report the CPU time of an update and the result."""
 
     only: tuple[str, ...] = ()
-    """Learners by name; all if not given."""
+    """Names of the learners to train; all if not given."""
     seconds: float = 60.0
-    """How long each learns, in seconds of the processor."""
+    """Training time of each learner [s of CPU time]."""
     seed: int = 0
     """Seed of the learners and their environments."""
     json: Flag = False
-    """Print JSON."""
+    """Whether to print JSON."""
 
     def __post_init__(self) -> None:
         require_above(unit="s", seconds=self.seconds)
@@ -90,8 +91,8 @@ class Args:
             require_name("learner", name, CASES)
 
 
-def robots(case: Case, count: int) -> Any:  # noqa: ANN401 - torch comes with it, which help does without
-    """Robots of a case, as Stable-Baselines3 has its environments."""
+def robots(case: Case, count: int) -> Any:  # noqa: ANN401 - its type needs torch
+    """Create the robots of a case as a `VecEnv` of Stable-Baselines3."""
     from spidar_gym.plugins import StableVecEnv
 
     vector = gymnasium.make_vec(case.env_id, num_envs=count, autoreset_mode="SameStep", **case.options)
@@ -100,14 +101,14 @@ def robots(case: Case, count: int) -> Any:  # noqa: ANN401 - torch comes with it
 
 
 def make_learner(case: Case, env: Any, seed: int) -> Any:  # noqa: ANN401 - as above
-    """SAC of a crawl, PPO of a flight, with small networks."""
+    """Create SAC for a crawl or PPO for a flight, with small networks."""
     from stable_baselines3 import PPO, SAC, HerReplayBuffer
 
     from spidar_gym import plugins
 
     if case.env_id == CRAWL:
         own = {"replay_buffer_class": HerReplayBuffer, "replay_buffer_kwargs": {"n_sampled_goal": 4}}
-        # Hindsight needs whole episodes before it can begin.
+        # Hindsight relabelling needs complete episodes in the buffer before learning starts.
         whole = (CRAWLS["max_episode_steps"] + 1) * ROBOTS
         return SAC(
             case.policy, env, learning_starts=whole, train_freq=8, gradient_steps=16, batch_size=128, seed=seed,
@@ -119,7 +120,7 @@ def make_learner(case: Case, env: Any, seed: int) -> Any:  # noqa: ANN401 - as a
 
 
 def measure(case: Case, seconds: float, seed: int) -> dict[str, Any]:
-    """Let one learn, and judge it beside the controller alone."""
+    """Train one learner, and evaluate it and the controller alone."""
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.utils import explained_variance
     from stable_baselines3.common.vec_env import VecNormalize
@@ -130,7 +131,7 @@ def measure(case: Case, seconds: float, seed: int) -> dict[str, Any]:
     learn = model.train
 
     def train(*args: Any, **kwargs: Any) -> None:  # noqa: ANN401 - Stable-Baselines3's
-        if case.env_id == HOVER:  # what the critic made of a rollout that it had not seen
+        if case.env_id == HOVER:  # explained variance of the critic on a new rollout, before the update
             rollout = model.rollout_buffer
             explained.append(float(explained_variance(rollout.values.ravel(), rollout.returns.ravel())))
         begin = time.process_time(), time.perf_counter()
@@ -160,7 +161,7 @@ def measure(case: Case, seconds: float, seed: int) -> dict[str, Any]:
 
 
 def judge(env: Any, act: Any) -> dict[str, float]:  # noqa: ANN401 - as above
-    """Play an episode of each robot: what the learner is rewarded with a step, success, and when a crawl arrives."""
+    """Run an episode of each robot; return mean reward per step, success rate, and arrival time of crawls [s]."""
     env.seed(JUDGED_SEED)
     seen, vector, count = env.reset(), env.venv.vector, env.num_envs
     over, arrived, success = np.zeros(count, bool), np.full(count, np.nan), np.zeros(count, bool)
@@ -189,7 +190,7 @@ def _words(found: dict[str, float]) -> str:
 
 
 def lines(result: dict[str, Any]) -> list[list[str]]:
-    """The learners as a table: its heads, and a row each."""
+    """Return the table of results: the header, and a row for each learner."""
     rows = [
         [
             name, str(row["steps"]), str(row["updates"]), f"{row['processor_ms']:.2f}", _words(row["alone"]),

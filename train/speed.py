@@ -1,4 +1,4 @@
-"""Speed in three columns: the bare physics of the robots, the engine, and a learner on it; takes minutes.
+"""Measure the speed of the bare physics, the engine, and the engine with a learner; takes minutes.
 
 python -m train.speed
 """
@@ -30,32 +30,32 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "crawl, the paper's 0.6 m": ("crawl-ppo", ("ground-paper",)),
     "crawl, drawn robots, sensors": ("crawl-ppo", ("ground-randomised",)),
 }
-"""Preset of `train.residual` and tracks of each row; the preset's own tracks are the first and the last row's."""
+"""Row → preset of `train.residual` and its tracks; the first and the last row have the preset's own tracks."""
 TURN, WARM = 4, 60
-"""Control ticks of a turn of engine or bare physics, short since the speed of a machine changes; those before."""
+"""Control ticks of a turn of engine or bare physics, short as a machine's speed varies; warm-up ticks."""
 PARTS = len(ROWS) * ROUNDS
-"""Parts of `run_speed`."""
+"""Number of steps that `run_speed` reports."""
 COLUMNS = ("bare", "engine", "learner")
-"""Figures of a row."""
+"""Keys of a row's results."""
 HEADS = ("control ticks/s, 40 are real time", "robots", "bare physics", "the engine", "+ learner")
 
 
 def settings(preset: str, tracks: tuple[str, ...]) -> residual.Args:
-    """A preset that learns from the first tick on, in segments of one rollout."""
+    """Return a preset's settings with a learning actor from the first tick, and segments of one rollout."""
     args = override(residual.PRESETS[preset], tracks=tracks, critic_first=0)
     rollout = args.learner.ppo.n_steps * args.schedule.envs
     return override(args, segment=rollout * args.env.hold)
 
 
 def measure_row(args: residual.Args, turns: int, on_round: Callable[[], object]) -> dict[str, float]:
-    """Ticks a second of each column, medians over interleaved rounds: all robots, on the threads of the preset.
+    """Measure control ticks per second of each column for all robots together: medians over interleaved rounds.
 
     Args:
         args: Settings of the learner.
-        turns: How often engine and bare physics have their turn in a round.
+        turns: Number of turns of engine and bare physics in a round.
         on_round: Called after each round.
     """
-    from train.lib import agent  # with torch, which help does without
+    from train.lib import agent  # imported late so that `--help` works without torch
 
     robots = make_robots(args, make_scaling(args))
     model = make_agent(args, robots)
@@ -104,11 +104,11 @@ def _seconds(work: Callable[[], object]) -> float:
 
 
 def run_speed(*, seconds: float = 0.5, on_step: Callable[[str], object] = lambda _: None) -> dict[str, Any]:
-    """All rows as one dictionary, in control ticks a second.
+    """Measure all rows [control ticks/s].
 
     Args:
-        seconds: About how long the robots are stepped in a round [s]; a learner takes a rollout, however long.
-        on_step: Called with a row's name, `PARTS` times.
+        seconds: Approximate time per round in which the robots are stepped [s]; a learner takes a whole rollout.
+        on_step: Called `PARTS` times, with a row's name.
     """
     rows = {}
     for name, (preset, tracks) in ROWS.items():
@@ -126,7 +126,7 @@ def run_speed(*, seconds: float = 0.5, on_step: Callable[[str], object] = lambda
 
 
 def speed_table(result: dict[str, Any]) -> str:
-    """The rows as text."""
+    """Format the results as text."""
     rows = result["speed"]
     cells = [
         [name, str(row["robots"]), *(f"{rate:.0f}" for rate in row["ticks_per_s"].values())]
@@ -147,12 +147,12 @@ def speed_table(result: dict[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Args:
-    """Measure control ticks a second of the bare physics, of the engine, and with a learner."""
+    """Measure control ticks per second of the bare physics, of the engine, and of the engine with a learner."""
 
     seconds: float = 0.5
-    """About how long the robots are stepped in a round [s]; a learner takes a rollout, however long."""
+    """Approximate time per round in which the robots are stepped [s]; a learner takes a whole rollout."""
     json: Flag = False
-    """Print one JSON object on stdout and nothing else there."""
+    """Whether to print one JSON object, and nothing else, on stdout."""
 
     def __post_init__(self) -> None:
         require_above(seconds=self.seconds)

@@ -1,11 +1,11 @@
-"""Learn a residual by regression, in minutes: what wrench would have cancelled the errors that the base makes.
+"""Learn a residual wrench by regression, in minutes: it cancels the pose errors that the base controller leaves.
 
     python -m train.supervised hover-paper --seed 0
 
-The base flies, and its pose errors are recorded. How a pose answers to a residual wrench is measured by pulses. A
-network that sees the motion of the joints and nothing of the errors, so that no loop is closed through it, is fitted
-such that its wrench, sent through that answer, cancels what was recorded: a mismatch of demanded and produced wrench
-counts as much as it moves the robot. Then the agent flies, and the rest is learned from what it left.
+The pulse response of the pose to a residual wrench is measured. The base flies, and its pose errors are recorded. A
+network is fitted whose wrench, convolved with the pulse response, cancels the recorded errors. Its inputs describe the
+motion of the joints and contain no errors, so it closes no feedback loop. Further rounds fly with the network and fit
+the remaining errors.
 """
 
 import itertools
@@ -41,22 +41,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FitConfig:
-    """The network, and how it is fitted."""
+    """Network and optimisation."""
 
     posture: bool = True
-    """Whether the network sees the joints' positions beside their motion."""
+    """Whether the network receives the joint positions in addition to the joints' motion."""
     updates: int = 2000
-    """Steps of the optimiser a round."""
+    """Optimiser steps per round."""
     batch: int = 4
-    """Flights in a step of the optimiser."""
+    """Flights in an optimiser step."""
     hidden: int = 64
     """Width of the two hidden layers."""
     lr: float = 2e-3
-    """Learning rate at the beginning; it falls to 0 along a cosine."""
+    """Initial learning rate; it falls to 0 along a cosine."""
     decay: float = 0.1
     """Weight decay."""
     effort: float = 1e-3
-    """Weight of the mean square action beside the errors, each over the base's."""
+    """Weight of the mean square action in the loss, relative to the squared errors in units of the base's."""
 
     def __post_init__(self) -> None:
         require_least(1, updates=self.updates, batch=self.batch, hidden=self.hidden)
@@ -69,15 +69,15 @@ class Args(TrackRecipe):
     action_mode = "residual_wrench"
 
     rounds: int = 2
-    """How often it flies and learns; the base alone flies in the first round."""
+    """Number of rounds of flying and fitting; the base flies alone in the first round."""
     flights: int = 72
-    """Flights a round."""
+    """Number of flights per round."""
     forms: int = 4
-    """Forms in which the response to a pulse is measured."""
+    """Number of forms in which the pulse response is measured."""
     scenarios: int = 6
-    """Validation scenarios of each track."""
+    """Number of validation scenarios of each track."""
     workers: int = cpu_count()
-    """Processes that fly."""
+    """Number of processes that fly."""
     fit: FitConfig = field(default_factory=FitConfig)
 
     def __post_init__(self) -> None:
@@ -86,7 +86,7 @@ class Args(TrackRecipe):
         require_least(1, **{name: getattr(self, name) for name in least})
         for track in self.tracks:
             if find_track(track).env_id != HOVER:
-                expected = "flights of Hover-v0: a crawl has no pose to hold, a path many"
+                expected = "flights of Hover-v0: crawls and paths have no single pose to hold"
                 raise InvalidValueError("tracks", track, expected)
 
 
@@ -109,11 +109,11 @@ PRESETS: dict[str, Args] = {
 }
 """Settings by name."""
 MOTION = ("joint_velocity", "joint_target_error", "joint_command_velocity", "leg_momentum", "leg_momentum_rate")
-"""Pieces of the observation that enter the network: the joints' motion, and never an error."""
+"""Pieces of the observation that the network receives: the joints' motion, and no pose errors."""
 POSTURE = ("joint_position",)
-"""Pieces that enter it, too, where the base leaves errors at rest."""
+"""Further pieces that the network receives if the base leaves steady-state errors."""
 SKIPPED = 20
-"""Ticks at the beginning of a flight that do not count: its offset dies away."""
+"""Control ticks at the beginning of a flight that are left out, while the initial offset decays."""
 
 
 @dataclass(frozen=True)
@@ -121,17 +121,17 @@ class Flight:
     """Record of a flight."""
 
     track: str
-    """Track whose kind it was."""
+    """Track of the flight."""
     observations: np.ndarray
     """Observations, shape (ticks, observation)."""
     actions: np.ndarray
-    """Residual wrench in its own unit, shape (ticks, 6)."""
+    """Residual wrench as an action within ± 1, shape (ticks, 6)."""
     errors: np.ndarray
     """Pose errors after each tick, shape (ticks, 6) [m], [rad]."""
 
 
 def fly(args: Args, agent: Artifact | None, round_index: int, index: int) -> Flight:
-    """One flight of the agent, or of the base alone where there is none; flights take turns among the tracks."""
+    """Fly and record one flight of the agent, or of the base if `agent` is None; `index` selects the track in turn."""
     track = args.tracks[index % len(args.tracks)]
     env = make_track_env(track, args.arguments, args.control).unwrapped
     policy = None if agent is None else LearnedPolicy(agent)
@@ -147,7 +147,7 @@ def fly(args: Args, agent: Artifact | None, round_index: int, index: int) -> Fli
 
 
 def error_units(flights: Sequence[Flight]) -> dict[str, np.ndarray]:
-    """Track → RMS of position and attitude errors of its flights, shape (6,): the units that errors are measured in."""
+    """Compute the units of the errors: track → RMS position and attitude errors of its flights, shape (6,)."""
     found = {}
     for track in {flight.track for flight in flights}:
         errors = np.concatenate([f.errors[SKIPPED:] for f in flights if f.track == track])
@@ -156,7 +156,7 @@ def error_units(flights: Sequence[Flight]) -> dict[str, np.ndarray]:
 
 
 def visible_entries(config: FitConfig) -> np.ndarray:
-    """Mask of the observation's numbers that enter the network."""
+    """Return the mask of the observation's entries that the network receives."""
     names = MOTION + (POSTURE if config.posture else ())
     return np.concatenate([np.full(field.size, field.name in names) for field in layout(POSE)])
 
@@ -169,20 +169,20 @@ def fit(
     scaling: Scaling,
     on_update: Callable[[float], object],
 ) -> Layers:
-    """Fit a network whose wrench, sent through the response, cancels the recorded errors.
+    """Fit a network whose wrench, convolved with the pulse response, cancels the recorded errors.
 
-    The recorded errors had the recorded residual in them; it is taken out first. Every kind of flight counts the same,
-    position as much as attitude, each over the base's.
+    First the effect of the recorded residual is subtracted from the recorded errors. All tracks have the same weight,
+    and so have position and attitude, as errors are divided by those of the base.
 
     Args:
-        config: The network, and how it is fitted.
-        flights: Flights so far.
-        units: Track → what its errors are divided by, shape (6,).
-        response: Response of the pose to a pulse, shape (6 errors, 6 entries, ticks).
+        config: Network and optimisation.
+        flights: All flights recorded so far.
+        units: Track → units by which its errors are divided, shape (6,).
+        response: Pulse response of the pose, shape (6 errors, 6 entries, ticks).
         scaling: Scaling of the observations.
         on_update: Called with the loss of every step.
     """
-    # Loaded by those who learn: whoever asks for help need not have it.
+    # Imported late so that `--help` works without torch.
     import torch
     from torch import nn
 
@@ -225,13 +225,13 @@ def fit(
 
 
 def weakened(layers: Layers, fraction: float) -> Layers:
-    """The same network with a fraction of its output."""
+    """Return the network with its output multiplied by a fraction."""
     *rest, (w, b) = layers
     return (*rest, (fraction * w, fraction * b))
 
 
 def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Artifact:
-    """A network as the benchmark's artifact."""
+    """Build the artifact of a network."""
     return make_artifact(
         layers, scaling, state, name=args.name, kind="residual", doc=args.doc, env_id=HOVER, arguments=args.arguments,
         training={"seed": args.seed, "steps": state.best_steps},
@@ -239,7 +239,7 @@ def artifact(args: Args, layers: Layers, scaling: Scaling, state: State) -> Arti
 
 
 def learn(args: Args) -> Path:
-    """One run; the path of its artifact."""
+    """Perform a run; return the path of its artifact."""
     require_frameworks()
     import torch
     from torch.utils.tensorboard import SummaryWriter
@@ -248,7 +248,7 @@ def learn(args: Args) -> Path:
     run = Run.of(args, HOVER, args.arguments)
     state = State()
     with (
-        kept(lambda: f"the curve of {state.segment} of {args.rounds} rounds kept in {run.folder}; it begins anew"),
+        kept(lambda: f"the curve of {state.segment} of {args.rounds} rounds kept in {run.folder}; a rerun restarts it"),
         Pool(args.workers) as pool,
         Stages(f"{args.name} seed {args.seed}", state.parts) as stages,
         SummaryWriter(str(run.folder / "tensorboard")) as board,
@@ -257,7 +257,7 @@ def learn(args: Args) -> Path:
 
 
 def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board: "SummaryWriter") -> Path:
-    """Fly, fit and evaluate, round by round; the path of the artifact."""
+    """Fly, fit and evaluate, round by round; return the path of the artifact."""
     began, updates = time.perf_counter(), itertools.count()
     validations = len(args.tracks) * args.scenarios
 
@@ -265,7 +265,7 @@ def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board
         board.add_scalar("train/loss", loss, next(updates))
         stages.count()
 
-    stages.begin("playing the base", validations, "scenario", "validation")
+    stages.begin("evaluating the base", validations, "scenario", "validation")
     evaluator = PairedEvaluator(
         args.tracks, Base(args.arguments), args.scenarios, control=args.control, on_scenario=stages.count,
         each=pool.map,
@@ -283,7 +283,7 @@ def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board
 
     flights = fly_round(0, None)
     bounds = np.concatenate([np.full(field.size, field.bound) for field in layout(POSE)])
-    # What the base sees, and the errors that it makes, scale all rounds.
+    # The observations and errors of the base determine the scaling and the units of all rounds.
     scaling = scaling_of(np.concatenate([flight.observations for flight in flights]), bounds)
     units = error_units(flights)
     for k in range(args.rounds):
@@ -293,7 +293,7 @@ def _learn(args: Args, run: Run, state: State, pool: Pool, stages: Stages, board
         stages.begin(f"round {k + 1} of {args.rounds}, fitting", args.fit.updates, "update", "learner")
         layers = fit(args.fit, flights, units, response, scaling, on_update)
 
-        stages.begin(f"round {k + 1} of {args.rounds}, playing against the base", validations, "scenario", "validation")
+        stages.begin(f"round {k + 1} of {args.rounds}, comparing with the base", validations, "scenario", "validation")
         verdict, fraction = evaluator.largest_fraction(
             lambda fraction, layers=layers: artifact(args, weakened(layers, fraction), scaling, state), stages.count
         )

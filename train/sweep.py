@@ -1,9 +1,9 @@
-"""Seeds and hyperparameters of a preset side by side: a Ray Tune sweep of `train.residual`, here or on a cluster.
+"""Sweep over seeds and hyperparameters of a preset of `train.residual` with Ray Tune, locally or on a cluster.
 
     python -m train.sweep hover-paper-ppo --seeds 0 1 2 3 4 --lr 3e-4 1e-3 --steps 500000
 
-Every trial is a run like any other: it has a folder of its own, and goes on where it was when the sweep is started
-again. On a cluster the folder must be one that all its machines share.
+Every trial is an ordinary run with its own folder, and resumes when the sweep is started again. On a cluster, all
+machines must share the folder.
 """
 
 import importlib.util
@@ -27,9 +27,9 @@ from train.lib.config import override
 from train.lib.run import command_line, require_frameworks
 
 FOUND = ("chosen", "score", "worst", "success", "steps", "seconds")
-"""What a trial reports: the paired score of the agent that it would publish, and the last line of its curve."""
+"""Reported results of a trial: the paired score of the chosen agent, and the last line of its curve."""
 SWEPT = ("lr", "gamma", "log_std", "washout", "penalty")
-"""Hyperparameters of which a sweep tries several."""
+"""Hyperparameters that a sweep can vary."""
 FIXED = ("steps", "segment", "scenarios", "envs", "scaling_ticks")
 """Settings that all trials share."""
 
@@ -41,33 +41,33 @@ class Args:
     preset: Annotated[str, tyro.conf.Positional]
     """Preset of train.residual."""
     seeds: tuple[int, ...] = (0,)
-    """Seeds."""
+    """Training seeds."""
     lr: tuple[float, ...] = ()
-    """Learning rates at the beginning; the preset's if none is given, as with the others."""
+    """Initial learning rates; the preset's if none is given."""
     gamma: tuple[float, ...] = ()
-    """Discounts."""
+    """Discount factors per decision; the preset's if none is given."""
     log_std: tuple[float, ...] = ()
-    """Logarithms of the exploration's standard deviation."""
+    """Natural logarithms of the exploration's initial standard deviation; the preset's if none is given."""
     washout: tuple[float, ...] = ()
-    """Time constants of the washout [s]."""
+    """Time constants of the washout [s]; the preset's if none is given."""
     penalty: tuple[float, ...] = ()
-    """Fractions of the reward that the largest action costs."""
+    """Penalties on the mean square action, as fractions of the reward; the preset's if none is given."""
     steps: int = 0
-    """Control ticks of each trial; the preset's if 0."""
+    """Length of each trial [control ticks]; the preset's if 0."""
     segment: int = 0
-    """Ticks between two reports; the preset's if 0."""
+    """Length of a segment between two reports [control ticks]; the preset's if 0."""
     scenarios: int = 0
-    """Validation scenarios of each track; the preset's if 0."""
+    """Number of validation scenarios of each track; the preset's if 0."""
     envs: int = 0
-    """Environments of each trial; the preset's if 0."""
+    """Number of robots of each trial; the preset's if 0."""
     scaling_ticks: int = 0
-    """Ticks of the baseline from which the observations' scaling is taken; the preset's if 0."""
+    """Control ticks flown on each track to determine the scaling of the observations; the preset's if 0."""
     ray: str = "local"
-    """Cluster: local, auto, or host:port."""
+    """Ray cluster: local, auto, or HOST:PORT."""
     workers: int = cpu_count()
-    """Trials side by side on a local cluster, each on one core."""
+    """Number of parallel trials on a local cluster, each on one core."""
     out: Path = Path("out/sweep")
-    """Folder: results.json, and the trials' runs."""
+    """Folder for results.json and the runs of the trials."""
 
     def __post_init__(self) -> None:
         require_name("preset", self.preset, residual.PRESETS)
@@ -75,7 +75,7 @@ class Args:
             raise InvalidValueError("seeds", self.seeds, "at least one seed")
 
     def trials(self) -> list[dict[str, Any]]:
-        """Settings of every trial: all combinations."""
+        """Return the settings of every trial: all combinations."""
         swept = {name: getattr(self, name) for name in SWEPT if getattr(self, name)}
         fixed = {name: getattr(self, name) for name in FIXED if getattr(self, name)}
         return [
@@ -86,14 +86,14 @@ class Args:
 
 
 def settings(args: Args, trial: dict[str, Any]) -> residual.Args:
-    """A trial's settings, with a folder whose name says what was swept."""
+    """Return the settings of a trial, with a folder named after the swept values."""
     words = [f"{name}={value:g}" for name, value in trial.items() if name in SWEPT]
     out = args.out.absolute() / ("_".join(words) or "preset")
     return override(residual.PRESETS[args.preset], **trial, row=False, out=out)
 
 
 def sweep(args: Args) -> list[dict[str, Any]]:
-    """Run all trials; a line of results each, best first, those that failed last."""
+    """Run all trials; return a line of results for each, best first, failed ones last."""
     if importlib.util.find_spec("ray") is None or importlib.util.find_spec("ray.tune") is None:
         raise MissingDependencyError("Ray Tune", "pip install 'spidar-gym[ray,train]'")
     require_frameworks()
@@ -103,18 +103,18 @@ def sweep(args: Args) -> list[dict[str, Any]]:
     def trial(config: dict[str, Any]) -> None:
         from ray import tune
 
-        # What an artifact says it was made by.
+        # The command that is stored in the artifact.
         sys.argv = command
 
         def report(line: dict[str, Any]) -> None:
             tune.report({name: line.get(name) for name in FOUND})
 
         path = residual.learn(settings(args, config["trial"]), on_segment=report)
-        # The last word, which a run that was finished before has too.
+        # The final report, also for a run that was already complete.
         curve = read_curve(path.with_name("curve.json"))
         report({**curve["curve"][-1], "chosen": curve["chosen"]["score"]})
 
-    # A trial stays in this folder, where `train` is found; one core each, or BLAS would take them all.
+    # Trials run in this folder, so that `train` can be imported, and on one core each; BLAS would use all cores.
     variables = {"RAY_CHDIR_TO_TRIAL_DIR": "0", "OMP_NUM_THREADS": "1"}
     with cluster(args.ray, args.workers, variables=variables, logging_level="ERROR"):
         from ray import tune

@@ -130,7 +130,7 @@ def test_a_run_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(where, s
     args = override(TINY, out=tmp_path)
     for n in stops:
         words = interrupted(args, monkeypatch, *where, n)
-        assert re.match(rf"\d of 3 rounds kept in {tmp_path}.*; the same command goes on$", words)
+        assert re.match(rf"\d of 3 rounds kept in {tmp_path}.*; the same command resumes$", words)
     path = learn(args)
     assert path.read_bytes() == whole
     assert not (path.parent / "lessons").exists(), "hundreds of megabytes of a real run"

@@ -140,8 +140,8 @@ def test_the_same_seed_gives_the_same_bytes_however_many_processes_fly(tmp_path,
     ("change", "words"),
     [
         ({"robots": 0}, "robots = 0 is not valid"),
-        ({"tracks": ("ground-paper",)}, "a crawl has no pose to hold"),
-        ({"tracks": ("flight-path",)}, "a crawl has no pose to hold"),
+        ({"tracks": ("ground-paper",)}, "crawls and paths have no single pose to hold"),
+        ({"tracks": ("flight-path",)}, "crawls and paths have no single pose to hold"),
         ({"tracks": ("flight-to-mars",)}, "unknown track"),
     ],
 )

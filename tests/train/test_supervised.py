@@ -69,8 +69,8 @@ def test_a_share_of_a_residual_is_that_share_of_its_output():
     ("change", "words"),
     [
         ({"flights": 0}, "flights = 0 is not valid"),
-        ({"tracks": ("ground-paper",)}, "a crawl has no pose to hold"),
-        ({"tracks": ("flight-path",)}, "a crawl has no pose to hold"),
+        ({"tracks": ("ground-paper",)}, "crawls and paths have no single pose to hold"),
+        ({"tracks": ("flight-path",)}, "crawls and paths have no single pose to hold"),
         ({"tracks": ("flight-to-mars",)}, "unknown track"),
     ],
 )
@@ -98,7 +98,7 @@ def test_the_regression_writes_its_loss_and_its_verdicts_for_tensorboard(tmp_pat
         assert len(events) == 2
         assert events[-1].value == pytest.approx(value, rel=1e-6)
     said = capfd.readouterr().err
-    for stage, unit in (("playing the base", "scenario"), ("round 2 of 2, flying", "flight"), ("fitting", "update")):
+    for stage, unit in (("evaluating the base", "scenario"), ("round 2 of 2, flying", "flight"), ("fitting", "update")):
         assert stage in said
         assert f"{unit}/s" in said or f"s/{unit}" in said
     assert "it/s" not in said

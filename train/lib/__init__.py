@@ -1,1 +1,1 @@
-"""What the recipes share: environments and rewards, the learner, paired evaluation, runs and what they report."""
+"""Code shared by the recipes: environments, rewards, the learner, paired evaluation, run folders and reports."""

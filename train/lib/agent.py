@@ -1,7 +1,7 @@
-"""A PPO or SAC agent that begins as its base; how it learns, and its state as plain arrays.
+"""PPO or SAC agent with an initial mean action of zero: construction, training segments, and state as plain arrays.
 
-In reading order: the agent, a segment of learning with the schedule of its actor, and its state. It loads torch
-and Stable-Baselines3 at once, so it is imported where a run begins and not for help.
+In reading order: the agent, a training segment with the schedule of the actor, and the state. This module imports torch
+and Stable-Baselines3. Recipes import it when a run starts, so that `--help` works without them.
 """
 
 import time
@@ -26,7 +26,7 @@ Agent = PPO | SAC
 
 
 class BaseFirstSAC(SAC):
-    """SAC whose buffer is first filled by its base with a little noise, instead of by actions drawn evenly."""
+    """SAC that fills its replay buffer with small noise around the zero action instead of uniform random actions."""
 
     noise = 0.1
     """Standard deviation of the first actions."""
@@ -40,7 +40,7 @@ class BaseFirstSAC(SAC):
 
 
 class _Past(nn.Module):
-    """Layers, and behind what they say what they were shown."""
+    """Layers whose output is concatenated with their input."""
 
     def __init__(self, layers: nn.Sequential) -> None:
         super().__init__()
@@ -51,7 +51,7 @@ class _Past(nn.Module):
 
 
 class PastPolicy(ActorCriticPolicy):
-    """An actor whose last layer sees the observation too: the matrix past the layers is the end of its own."""
+    """Policy whose actor's last layer also receives the observation; its last columns are the skip matrix."""
 
     def _build_mlp_extractor(self) -> None:
         super()._build_mlp_extractor()
@@ -64,18 +64,18 @@ def build(
     config: LearnerConfig, envs: VecEnv, seed: int, *, logs: str | None, hidden: np.ndarray, still: np.ndarray,
     turns: tuple[Turn, Turn] | None = None,
 ) -> Agent:  # fmt: skip
-    """An agent on the CPU whose mean action is exactly zero.
+    """Build an agent on the CPU whose mean action is exactly zero.
 
     Args:
         config: Hyperparameters.
         envs: Environments.
-        seed: Seed of its first weights.
-        logs: Folder for TensorBoard; none if None.
-        hidden: Mask of the observation's numbers that the actor does not see, though the critic does.
+        seed: Seed of the initial weights.
+        logs: Folder for TensorBoard; None writes no log.
+        hidden: Mask of the observation's entries that only the critic receives.
         still: Mask of the action's entries that stay 0.
-        turns: Those of what is seen and of what is said, for an agent that does turned what it does.
+        turns: Effects of a 90° rotation on observation and action, for an equivariant agent.
     """
-    # A second thread spins between the small products of these networks, on the core where the engine's second works.
+    # A second torch thread would spin between these small products and occupy the core of the engine's second thread.
     torch.set_num_threads(1)
     actor, critic = [config.hidden] * 2, [config.critic_hidden] * 2
     shared: dict[str, Any] = {
@@ -110,7 +110,7 @@ def build(
         last.bias.zero_()
         seen, free = (torch.tensor(~mask, dtype=torch.float32) for mask in (hidden, still))
         first.weight.mul_(seen)
-        # A weight that begins at zero and whose gradient is zero stays there.
+        # A weight that is initially zero and has a zero gradient stays zero.
         first.weight.register_hook(lambda gradient: gradient * seen)
         last.weight.register_hook(lambda gradient: gradient * free[:, None])
         last.bias.register_hook(lambda gradient: gradient * free)
@@ -126,7 +126,7 @@ def build(
 
 
 def _make_symmetric(model: PPO, shown: Turn, said: Turn) -> None:
-    """Let actor and critic do with what is turned what they do, turned."""
+    """Make the actor equivariant and the critic invariant to rotations by 90°."""
     critic = [m for part in (model.policy.mlp_extractor.value_net, model.policy.value_net) for m in _linear(part)]
     tie_layers(_actor(model), shown, said)
     tie_layers(critic, shown, Turn.none(1))
@@ -137,21 +137,21 @@ def learn_segment(
     model: Agent, envs: VecEnv, schedule: "ActorSchedule", *, steps: int, seed: int, lr: float, first: bool,
     log_std: float | None = None,
 ) -> None:  # fmt: skip
-    """Learn for `steps` decisions from fresh episodes: the outcome depends on the state, the seed and nothing else.
+    """Learn for `steps` decisions from new episodes; the result depends only on the state and the seed.
 
-    An update of PPO is Stable-Baselines3's: all environments play `n_steps` decisions; the advantages of generalised
-    advantage estimation (λ = `gae_lambda`) are normalised in every batch of `batch_size`; `epochs` passes of Adam
-    follow the clipped objective, the critic's squared error and the entropy, until `target_kl` is exceeded. Before and
-    after each rollout `ActorSchedule` says whether the actor learns, and averages its weights.
+    PPO updates as in Stable-Baselines3. All environments run `n_steps` decisions. The advantages of generalised
+    advantage estimation (λ = `gae_lambda`) are normalised in every batch of `batch_size`. Up to `epochs` passes of Adam
+    optimise the clipped objective, the critic's squared error and the entropy, until `target_kl` is exceeded. Before
+    and after each rollout `ActorSchedule` freezes or releases the actor and averages its weights.
 
     Args:
         model: The agent.
-        envs: Its environments.
-        schedule: When the actor learns.
-        steps: How many decisions.
-        seed: Seed of everything that is drawn in this segment.
+        envs: Environments of the agent.
+        schedule: Schedule of the actor.
+        steps: Number of decisions, summed over all environments.
+        seed: Seed of all random numbers of this segment.
         lr: Learning rate.
-        first: Whether it is the run's first segment.
+        first: Whether this is the first segment of the run.
         log_std: PPO: logarithm of the exploration's standard deviation; None: it is learned.
     """
     model.set_env(envs, force_reset=True)
@@ -166,14 +166,14 @@ def learn_segment(
 
 
 class ActorSchedule(BaseCallback):
-    """Keeps the actor still while the critic learns first, averages the actor's weights, and reports progress."""
+    """Callback that freezes the actor at the beginning, averages its weights and reports progress."""
 
     def __init__(self, config: LearnerConfig, mean: Layers, on_steps: Callable[[int], object] = lambda _: None) -> None:
-        """Take the state of a run.
+        """Store the averaged actor of a run.
 
         Args:
-            config: For how many decisions only the critic learns, and how the average is taken.
-            mean: The averaged actor so far.
+            config: Settings, of which `critic_first` and `average` are used.
+            mean: Current averaged actor.
             on_steps: Called with the number of new decisions.
         """
         super().__init__()
@@ -187,7 +187,7 @@ class ActorSchedule(BaseCallback):
         self._free_or_freeze()
 
     def _on_rollout_start(self) -> None:
-        # What was learned from the rollout before is in the weights now.
+        # The weights now include the update from the previous rollout.
         self._learned()
         self.update_average()
         self._free_or_freeze()
@@ -201,25 +201,25 @@ class ActorSchedule(BaseCallback):
         self._rolled_out = time.perf_counter()
 
     def _learned(self) -> None:
-        """Count the time since the last rollout."""
+        """Add the time since the end of the last rollout."""
         if self._rolled_out:
             self._learning += time.perf_counter() - self._rolled_out
         self._rolled_out = 0.0
 
     def spent(self) -> float:
-        """Wall time of updates since this was asked before [s]."""
+        """Return the wall time of updates since the last call [s]."""
         self._learned()
         found, self._learning = self._learning, 0.0
         return found
 
     def _free_or_freeze(self) -> None:
-        """Let the actor learn once the critic has learned for long enough."""
+        """Release the actor after the critic has learned for `critic_first` decisions, and freeze it before."""
         free = self.num_timesteps >= self._config.critic_first
         for parameter in _actor_parameters(self._agent()):
             parameter.requires_grad_(free)
 
     def update_average(self) -> None:
-        """Take the present weights into the average."""
+        """Update the average with the current weights."""
         keep = self._config.average
         now = actor_layers(self._agent())
         self.mean = tuple(
@@ -233,7 +233,7 @@ class ActorSchedule(BaseCallback):
 
 
 def _actor(model: Agent) -> list[nn.Linear]:
-    """The layers of the mean action."""
+    """Return the linear layers of the mean action."""
     if isinstance(model, PPO):
         parts = [model.policy.mlp_extractor.policy_net, model.policy.action_net]
     else:
@@ -242,17 +242,17 @@ def _actor(model: Agent) -> list[nn.Linear]:
 
 
 def _linear(part: nn.Module) -> list[nn.Linear]:
-    """A part's layers, in order."""
+    """Return the linear layers of a module, in order."""
     return [m for m in part.modules() if isinstance(m, nn.Linear)]
 
 
 def actor_layers(model: Agent) -> Layers:
-    """Weights and biases of the mean action, copied."""
+    """Return copies of the weights and biases of the mean action."""
     return tuple((m.weight.detach().numpy().copy(), m.bias.detach().numpy().copy()) for m in _actor(model))
 
 
 def set_actor(model: Agent, layers: Layers) -> None:
-    """Let the mean action be that of these layers, of the shapes of `actor_layers`."""
+    """Set the weights and biases of the mean action, with the shapes of `actor_layers`."""
     with torch.no_grad():
         for own, (weight, bias) in zip(_actor(model), layers, strict=True):
             own.weight.copy_(torch.from_numpy(weight))
@@ -260,7 +260,7 @@ def set_actor(model: Agent, layers: Layers) -> None:
 
 
 def _actor_parameters(model: Agent) -> Iterator[nn.Parameter]:
-    """Everything that only the actor has: what `ActorSchedule` freezes."""
+    """Yield the parameters of the actor alone, which `ActorSchedule` freezes."""
     if isinstance(model, PPO):
         yield from model.policy.mlp_extractor.policy_net.parameters()
         yield from model.policy.action_net.parameters()
@@ -270,11 +270,11 @@ def _actor_parameters(model: Agent) -> Iterator[nn.Parameter]:
 
 
 BUFFER = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
-"""Arrays of SB3's replay buffer."""
+"""Arrays of Stable-Baselines3's replay buffer."""
 
 
 def _tensors(model: Agent) -> Iterator[tuple[str, torch.Tensor]]:
-    """Every tensor that learning changes, by name: networks, their optimisers' moments, the entropy's weight."""
+    """Yield every tensor that training changes, by name: networks, optimiser moments, and SAC's entropy weight."""
     parts, variables = model._get_torch_save_params()
     for part in parts:
         owner: Any = model
@@ -286,7 +286,7 @@ def _tensors(model: Agent) -> Iterator[tuple[str, torch.Tensor]]:
         assert isinstance(owner, torch.optim.Adam)
         for k, parameter in enumerate(p for group in owner.param_groups for p in group["params"]):
             moments = owner.state[parameter]
-            if not moments:  # as Adam itself begins, for a parameter that has not been learned yet
+            if not moments:  # Adam's initial state, for a parameter that has not been updated yet
                 moments["step"] = torch.tensor(0.0)
                 moments["exp_avg"], moments["exp_avg_sq"] = (torch.zeros_like(parameter) for _ in range(2))
             yield from ((f"{part}/{k}/{name}", moments[name]) for name in ("step", "exp_avg", "exp_avg_sq"))
@@ -294,7 +294,7 @@ def _tensors(model: Agent) -> Iterator[tuple[str, torch.Tensor]]:
 
 
 def save_state(model: Agent) -> dict[str, np.ndarray]:
-    """All that the learner has learned and remembers, as arrays of its own by name."""
+    """Return the complete state of the learner as copied arrays by name."""
     state = {name: tensor.detach().numpy().copy() for name, tensor in _tensors(model)}
     counters = [model.num_timesteps, model._n_updates]
     if isinstance(model, SAC):
@@ -307,14 +307,14 @@ def save_state(model: Agent) -> dict[str, np.ndarray]:
 
 
 def load_state(model: Agent, state: Mapping[str, np.ndarray]) -> None:
-    """Become what was saved.
+    """Restore a saved state.
 
     Args:
-        model: As `build` made it.
-        state: With the names, types and shapes that `save_state` gives.
+        model: Agent returned by `build`.
+        state: Arrays with the names, types and shapes of `save_state`.
 
     Raises:
-        InvalidValueError: When its counters are not those of its arrays.
+        InvalidValueError: If the counters do not match the arrays.
     """
     with torch.no_grad():
         for name, tensor in _tensors(model):

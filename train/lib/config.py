@@ -1,4 +1,4 @@
-"""Settings in groups: a command line, a checkpoint and a sweep know every field of a recipe by its own name alone."""
+"""Settings in groups; command lines, checkpoints and sweeps address each field by its name, without the group."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -11,35 +11,35 @@ import tyro
 from spidar_gym.errors import require_least, require_name
 
 CONTROL = "core"
-"""Controller that training flies with: the compiled one."""
+"""Controller implementation used in training: the compiled one."""
 
 
 @dataclass(frozen=True)
 class OutputConfig:
-    """What a run leaves behind."""
+    """Outputs of a run."""
 
     out: Path = Path("out/train")
-    """Folder for runs: NAME/seedK."""
+    """Folder for runs; each run is stored in NAME/seedK below it."""
     row: bool = True
-    """Evaluate on the test scenarios in the end and write a row of this seed."""
+    """Whether to evaluate on the test scenarios at the end and write a leaderboard row for this seed."""
 
 
 @dataclass(frozen=True)
 class ScheduleConfig:
-    """How long it learns, and in which portions."""
+    """Length of training and its division into segments."""
 
     steps: int = 500_000
-    """Control ticks to learn from."""
+    """Length of training [control ticks], summed over all robots."""
     first_steps: int = 0
-    """Ticks on `first_tracks`, before it learns on all."""
+    """Length of the first phase on `first_tracks` [control ticks], before training on all tracks."""
     segment: int = 32_768
-    """Ticks between two checkpoints, each with a validation."""
+    """Length of a segment [control ticks]; each ends with a validation and a checkpoint."""
     envs: int = 16
-    """Robots side by side."""
+    """Number of robots simulated in parallel."""
     threads: int = 2
-    """Threads that carry them; no number depends on how many."""
+    """Threads that simulate the robots; the results do not depend on their number."""
     scaling_ticks: int = 2000
-    """Ticks of the baseline in each kind of environment from which the observations' scaling is taken."""
+    """Control ticks flown with the baseline on each track to determine the scaling of the observations."""
 
     def __post_init__(self) -> None:
         require_least(1, **{name: value for name, value in vars(self).items() if name != "first_steps"})
@@ -48,12 +48,12 @@ class ScheduleConfig:
 
 @dataclass(frozen=True)
 class EvaluationConfig:
-    """How agents are compared with the base, and which one is taken."""
+    """Comparison of agents with the base, and selection of the final agent."""
 
     scenarios: int = 6
-    """Validation scenarios of each track."""
+    """Number of validation scenarios of each track."""
     select: bool = True
-    """Take the best admissible agent of all validations; else the last one."""
+    """Whether to keep the best admissible agent of all validations; otherwise the last one."""
 
     def __post_init__(self) -> None:
         require_least(1, scenarios=self.scenarios)
@@ -61,15 +61,15 @@ class EvaluationConfig:
 
 @dataclass(frozen=True)
 class Recipe:
-    """What the settings of every recipe have."""
+    """Settings common to all recipes."""
 
     name: str
     """Name of the row: letters, digits, _ and -."""
     doc: str
-    """What is learned, in one line."""
+    """Description of the recipe, in one line."""
     _: KW_ONLY
     seed: int = 0
-    """Seed of everything that is drawn."""
+    """Seed of all random numbers of the run."""
     output: OutputConfig = dataclasses.field(default_factory=OutputConfig)
 
     def __post_init__(self) -> None:
@@ -78,18 +78,18 @@ class Recipe:
 
 @dataclass(frozen=True)
 class TrackRecipe(Recipe):
-    """What the settings of a recipe for one kind of tracks and one action mode have."""
+    """Settings common to recipes for one environment and one action mode."""
 
     action_mode: ClassVar[str]
-    """Action mode that it learns in."""
+    """Action mode used in training."""
 
     tracks: tuple[str, ...]
-    """Tracks in whose kinds of environments it learns, and on whose validation scenarios it is evaluated."""
+    """Tracks that define the training environments and the validation scenarios."""
     base: str
-    """Preset of the controller that it adds to."""
+    """Preset of the controller that the residual is added to."""
     _: KW_ONLY
     control: str = CONTROL
-    """python, or core: the compiled controller, several times faster."""
+    """Controller implementation: python, or core, which is compiled and several times faster."""
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -102,7 +102,7 @@ R = TypeVar("R", bound=Recipe)
 
 
 def parse(presets: Mapping[str, R], prog: str, description: str | None) -> R:
-    """The settings of a command line: a preset's, and what the options change; groups have no part in their names."""
+    """Parse the command line: a preset, and options that override its fields; option names omit the groups."""
     options = {name: (settings.doc, settings) for name, settings in presets.items()}
     return tyro.extras.overridable_config_cli(
         options, prog=prog, description=description, config=(tyro.conf.OmitArgPrefixes,)
@@ -110,7 +110,7 @@ def parse(presets: Mapping[str, R], prog: str, description: str | None) -> R:
 
 
 def flatten(settings: object, *left_out: type) -> dict[str, Any]:
-    """Every field by name, without its group, but for groups that are left out."""
+    """Return all fields by name, without their groups, except groups of the types `left_out`."""
     assert dataclasses.is_dataclass(settings)
     found: dict[str, Any] = {}
     for field in dataclasses.fields(settings):
@@ -121,10 +121,10 @@ def flatten(settings: object, *left_out: type) -> dict[str, Any]:
 
 
 def override(settings: T, **changes: Any) -> T:  # noqa: ANN401 - of any field
-    """The same settings with other values of some fields, whichever group each is in.
+    """Return a copy of the settings with some fields changed, in any group.
 
     Raises:
-        UnknownNameError: For a field that no group has.
+        UnknownNameError: If no group has a field of that name.
     """
     for name in changes:
         require_name("setting", name, flatten(settings))
@@ -132,7 +132,7 @@ def override(settings: T, **changes: Any) -> T:  # noqa: ANN401 - of any field
 
 
 def _override(settings: T, changes: Mapping[str, Any]) -> T:
-    """The settings with what they and their groups have of the changes."""
+    """Apply the changes to the fields of the settings and, recursively, to those of their groups."""
     assert dataclasses.is_dataclass(settings)
     assert not isinstance(settings, type)
     values = {}

@@ -1,4 +1,4 @@
-"""Environments to learn in: of the tracks' kinds, with seeds that no scenario has, as a learner sees them."""
+"""Training environments: built from the tracks, seeded apart from all scenarios, with scaled observations."""
 
 import zlib
 from collections.abc import Mapping
@@ -21,23 +21,23 @@ from spidar_gym.policies.torso import Turn
 from spidar_gym.robot import N_LEGS
 
 NOMINAL = ("flight-forms", "flight-fast3", "flight-fast5")
-"""Tracks of flights at three speeds, on the robot of the description."""
+"""Flight tracks at three joint speeds, with the nominal robot."""
 FLIGHTS = (*NOMINAL, "flight-randomised")
-"""The same, and flights of drawn robots with real sensors."""
+"""The nominal tracks, and flights of randomised robots with sensor models."""
 ERRORS = ("position_error", "velocity_error", "attitude_error", "angular_velocity_error")
-"""Pieces of the observation that have traces."""
+"""Pieces of the observation that have traces (low-passes)."""
 FIRST_SEED = 2**31
-"""Training draws its seeds from here on; those of the scenarios lie below."""
+"""Lowest training seed; all seeds of scenarios are below it."""
 
 
 def training_seed(*words: int) -> int:
-    """A seed of an environment or a learner, from nothing but the given numbers: run, segment, place."""
+    """Return a seed for an environment or a learner that depends only on the given numbers: run, segment, index."""
     entropy = [zlib.crc32(b"train"), *words]
     return FIRST_SEED + int(np.random.SeedSequence(entropy).generate_state(1)[0] >> 2)
 
 
 def generator_words(rng: np.random.Generator) -> np.ndarray:
-    """State of a generator on PCG64 as (6,) whole numbers of 64 bits."""
+    """Return the state of a PCG64 generator as six 64-bit integers (6,)."""
     found: Any = rng.bit_generator.state
     long = [found["state"][name] for name in ("state", "inc")]
     halves = [half for word in long for half in (word & 2**64 - 1, word >> 64)]
@@ -45,7 +45,7 @@ def generator_words(rng: np.random.Generator) -> np.ndarray:
 
 
 def set_generator(rng: np.random.Generator, words: np.ndarray) -> None:
-    """Let a generator on PCG64 go on from `generator_words`."""
+    """Restore the state of a PCG64 generator from `generator_words`."""
     low, high, low_step, high_step, has, left = (int(word) for word in words)
     rng.bit_generator.state = {
         "bit_generator": "PCG64", "state": {"state": low | high << 64, "inc": low_step | high_step << 64},
@@ -55,30 +55,30 @@ def set_generator(rng: np.random.Generator, words: np.ndarray) -> None:
 
 @dataclass(frozen=True)
 class EnvConfig:
-    """Where an agent learns, what it sees, and what its actions do."""
+    """Training environments, observation and action of an agent."""
 
     env_id: str
-    """Environment, with version."""
+    """Environment id, with version."""
     tracks: tuple[str, ...]
-    """Tracks in whose kinds of environments it learns, and on whose validation scenarios it is evaluated."""
+    """Tracks that define the training environments and the validation scenarios."""
     base: str
-    """Preset of the controller that it adds to, or that it is compared with."""
+    """Preset of the controller that the action is added to, or that a `direct` policy is compared with."""
     action_mode: str
-    """What the action means; `direct` has no controller."""
+    """Action mode; `direct` has no controller."""
     first_tracks: tuple[str, ...] = ()
-    """Those of the first `first_steps` ticks."""
+    """Tracks of the first `first_steps` ticks."""
     sees: tuple[str, ...] = ()
-    """Pieces of the observation that the actor sees, by name, while the critic sees all; all if none is given."""
+    """Names of the pieces of the observation that the actor receives; all if empty. The critic receives all."""
     still: tuple[int, ...] = ()
-    """Entries of the action that stay 0."""
+    """Indices of the action's entries that stay 0."""
     hold: int = 1
-    """Ticks for which the learner holds an action."""
+    """Number of control ticks for which an action is held."""
     washout: float = 0.0
-    """Time constant with which a constant residual wrench fades [s]; 0 lets it stay."""
+    """Time constant of the high-pass (washout) of the residual wrench [s]; 0 is no washout."""
     torso: bool = False
-    """See and command in the torso's axes, as `spidar_gym.policies.torso` does; only `direct` flights."""
+    """Whether to observe and command in torso axes (`spidar_gym.policies.torso`); only for `direct` flights."""
     trace_times: tuple[float, ...] = ()
-    """Time constants of the traces of the errors that are seen in the torso's axes [s]."""
+    """Time constants of the low-passes (traces) of the errors in torso axes [s]; only with `torso`."""
 
     def __post_init__(self) -> None:
         require_least(1, hold=self.hold)
@@ -99,12 +99,12 @@ class EnvConfig:
 
     @property
     def adds(self) -> bool:
-        """Whether there is a controller to add to."""
+        """Whether the action is added to a controller."""
         return self.action_mode != "direct"
 
     @property
     def mode(self) -> ActionMode:
-        """What the action means."""
+        """The action mode, with its channels."""
         return find_action_mode(self.action_mode, ACTION_MODES if self.env_id == HOVER else CRAWL_MODES)
 
     @property
@@ -114,11 +114,11 @@ class EnvConfig:
 
     @property
     def traced(self) -> np.ndarray:
-        """Entries of the observation that have traces."""
+        """Indices of the observation's entries that have traces."""
         return torso.entries(*ERRORS) if self.trace_times else np.zeros(0, int)
 
     def hidden_entries(self) -> np.ndarray:
-        """Mask of the numbers shown that the actor does not see (`UnknownNameError` for an unknown piece)."""
+        """Return the mask of inputs that the actor does not receive (`UnknownNameError` for an unknown piece)."""
         if self.torso:
             return np.zeros(torso.FEATURES + len(self.traced) * len(self.trace_times), bool)
         for name in self.sees:
@@ -126,17 +126,18 @@ class EnvConfig:
         return np.concatenate([np.full(f.size, bool(self.sees) and f.name not in self.sees) for f in self.fields])
 
     def shown_turn(self) -> Turn:
-        """What becomes of the numbers shown in the torso's axes when the robot is turned by 90°."""
+        """Return the effect of a rotation of the robot by 90° on the network's inputs in torso axes."""
         return torso.shown_turn(len(self.traced) * len(self.trace_times))
 
     def enlarge_errors(self, scaling: "Scaling", factor: float) -> "Scaling":
-        """A scaling of what is shown in the torso's axes of which errors come out larger, and as 0 where they are 0.
+        """Return a scaling of the inputs in torso axes that enlarges errors and maps zero errors to zero.
+
+        Traces are scaled like the errors they filter: with their own variances, a lasting error would soon exceed the
+        clipping bound. The clipping bound of all inputs is tripled.
 
         Args:
-            scaling: Whose errors are those of falls.
-            factor: How many times as large errors and their integrals are. So are traces, which are scaled as the
-                errors that they are of: in units of their own a lasting error would soon be out of range. Three times
-                as much of everything is let through.
+            scaling: Scaling determined from flights with the large errors of falls.
+            factor: Factor by which scaled errors and their integrals become larger.
         """
         errors, integrals = torso.kept_entries(*ERRORS), torso.kept_entries("position_integral", "attitude_integral")
         entries = np.concatenate([errors, integrals])
@@ -147,7 +148,7 @@ class EnvConfig:
         return replace(scaling, mean=mean, variance=variance, clip=3.0 * scaling.clip)
 
     def still_entries(self) -> np.ndarray:
-        """Mask of the action's entries that stay 0 (`InvalidValueError` for an entry that there is not)."""
+        """Return the mask of the action's entries that stay 0 (`InvalidValueError` for an index out of range)."""
         size = self.mode.size
         for entry in self.still:
             if not 0 <= entry < size:
@@ -155,16 +156,19 @@ class EnvConfig:
         return np.isin(np.arange(size), self.still)
 
     def washout_times(self) -> np.ndarray:
-        """Time constant of every entry of the action [s]: only a wrench has integrals that own its constant part."""
+        """Return the washout time constant of each entry of the action [s]; 0 except for a wrench.
+
+        The constant part of a wrench is left to the controller's integrals.
+        """
         channels = self.mode.channels
         return np.concatenate([np.full(c.size, self.washout if c.name == "wrench" else 0.0) for c in channels])
 
 
 def make_track_env(track: str, arguments: Mapping[str, Any], control: str) -> gymnasium.Env:
-    """An environment of a track's kind, which draws its episodes from its seed; what scenarios vary is drawn too.
+    """Make an environment with the options of a track; its seed determines everything that scenarios vary.
 
     Args:
-        track: Track whose forms, speed, sensors, randomisation and length it has.
+        track: Track that defines forms, joint speed, sensors, randomisation and episode length.
         arguments: Action mode and controller.
         control: `python` or `core`.
     """
@@ -179,22 +183,22 @@ def make_track_env(track: str, arguments: Mapping[str, Any], control: str) -> gy
 
 @dataclass(frozen=True)
 class Scaling:
-    """How observations enter a network; the same numbers as in the artifact."""
+    """Normalisation of a network's inputs, stored unchanged in the artifact."""
 
     mean: np.ndarray
-    """Mean of the baseline's observations."""
+    """Mean of the observations."""
     variance: np.ndarray
-    """Variance of the baseline's observations, above 0."""
+    """Variance of the observations, above 0."""
     clip: float = 10.0
     """Bound of a scaled observation."""
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        """(o − mean) / √variance, clipped, float32."""
+        """Return (o − mean) / √variance, clipped, as float32."""
         x = (observation - self.mean) / np.sqrt(self.variance)
         return np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
 
     def alike(self, turn: Turn) -> "Scaling":
-        """That which scales what is turned alike: means over all four ways in which the robot can stand."""
+        """Return the scaling averaged over the four rotations of the robot by 90°, so that it is equivariant."""
         means, variances = [self.mean], [self.variance]
         for _ in range(N_LEGS - 1):
             means.append(turn(means[-1]))
@@ -203,7 +207,7 @@ class Scaling:
 
 
 def scaling_of(observations: np.ndarray, bounds: np.ndarray) -> Scaling:
-    """Mean and variance of observations (number, size), of at least a thousandth of the bound.
+    """Compute mean and variance of observations (number, size); the deviation is at least a thousandth of the bound.
 
     Entries that never change, such as the previous action of the base, are scaled by their bound.
     """

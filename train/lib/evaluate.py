@@ -1,4 +1,4 @@
-"""Paired evaluation: a candidate against the controller that it adds to, on the same validation scenarios."""
+"""Paired evaluation of a candidate and its base on the same validation scenarios."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,41 +17,41 @@ from spidar_gym.policies.policy import Policy
 from spidar_gym.policies.presets import PresetPolicy
 
 SPLIT = "validation"
-"""The only scenarios that training may look at."""
+"""The only split of scenarios that training uses."""
 COMPARED = {
     FLIGHT: ("position_rms_m", "attitude_rms_rad"), GROUND: ("duration_s", "energy_wh", "error"), BOTH: ("error",)
 }  # fmt: skip
-"""What is compared in each world: on a course the error alone, as who hits something at once saves time and energy."""
+"""Metrics compared in each world; on a course only the error, as an early collision saves time and energy."""
 TOLERANCE = 0.02
-"""A candidate that is worse than the base by more than this in any cell is not chosen."""
+"""Largest relative deterioration in any cell with which a candidate may still be chosen."""
 TOGETHER = 12
-"""How many scenarios of a track are played side by side at most: a portion is what a process does and a bar counts."""
+"""Largest number of scenarios of a track that one process evaluates together."""
 FRACTIONS = (1.0, 0.7, 0.5, 0.3)
-"""Fractions of what was learned that are tried where all of it makes anything worse."""
+"""Fractions of the learned residual, tried in this order until nothing gets worse."""
 
 
 class Base(PresetPolicy):
     """The controller alone: the zero action."""
 
     def __init__(self, arguments: Mapping[str, Any]) -> None:
-        """Take the arguments of `gym.make`."""
+        """Store the arguments of `gym.make`."""
         self._arguments = dict(arguments)
 
     def arguments(self, env_id: str) -> Mapping[str, Any]:
-        """The same for every environment."""
+        """Return the same arguments for every environment."""
         return self._arguments
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a comparison gave."""
+    """Result of a comparison."""
 
     cells: Mapping[str, Mapping[str, float]]
-    """Track → metric → mean of the candidate over mean of the base, less 1; below 0 is better."""
+    """Track → metric → mean of the candidate divided by mean of the base, minus 1; below 0 is better."""
     success: float
-    """Fraction of successes less the base's, mean over the tracks."""
+    """Success rate minus that of the base, over all scenarios."""
     failed: bool
-    """Whether a scenario failed that the base did not fail."""
+    """Whether the candidate failed in a scenario in which the base did not."""
 
     @property
     def score(self) -> float:
@@ -60,12 +60,12 @@ class Verdict:
 
     @property
     def worst(self) -> float:
-        """The worst cell."""
+        """Largest value of all cells."""
         return max(value for cell in self.cells.values() for value in cell.values())
 
     @property
     def admissible(self) -> bool:
-        """Whether nothing got worse."""
+        """Whether no cell exceeds `TOLERANCE`, the success rate did not drop and no new failure occurred."""
         return self.worst <= TOLERANCE and self.success >= 0.0 and not self.failed
 
 
@@ -75,28 +75,28 @@ def _metrics(policy: Policy, control: str, portion: Sequence[tuple[str, Scenario
 
 
 def _portions(scenarios: Sequence[tuple[str, Scenario]]) -> Iterator[list[tuple[str, Scenario]]]:
-    """Scenarios of one track each, `TOGETHER` at most, in their order."""
+    """Split scenarios, in order, into portions of one track and at most `TOGETHER` scenarios each."""
     for _, own in groupby(scenarios, key=lambda one: one[0]):
         of_track = list(own)
         yield from (of_track[k : k + TOGETHER] for k in range(0, len(of_track), TOGETHER))
 
 
 class PairedEvaluator:
-    """Plays the base once, and then every candidate on the very same scenarios."""
+    """Evaluates the base once, and then every candidate on the same scenarios."""
 
     def __init__(
         self, tracks: Sequence[str], base: Policy, scenarios: int, *, control: str,
         on_scenario: Callable[[], object] = lambda: None, each: Callable[..., Iterable[Any]] = map,
     ) -> None:  # fmt: skip
-        """Play the base.
+        """Evaluate the base.
 
         Args:
             tracks: Tracks of one environment.
-            base: What candidates are compared with.
-            scenarios: How many of each track's validation scenarios, from the first on.
+            base: Policy that candidates are compared with.
+            scenarios: Number of validation scenarios of each track, counted from the first.
             control: `python` or `core`.
-            on_scenario: Called after each.
-            each: `map`, or that of a pool of processes: no scenario depends on another.
+            on_scenario: Called after each scenario.
+            each: `map`, or the `map` of a process pool; scenarios are independent of each other.
         """
         self._control, self._each = control, each
         self._scenarios = [(t, s) for t in tracks for s in load_scenarios(t, SPLIT)[0][:scenarios]]
@@ -108,7 +108,7 @@ class PairedEvaluator:
         """Track → metric → mean of the base."""
 
     def _means(self, found: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-        """Track → metric → mean over its scenarios."""
+        """Return track → metric → mean over the scenarios of the track."""
         means = {}
         for track in self._tracks:
             own = [m for (name, _), m in zip(self._scenarios, found, strict=True) if name == track]
@@ -117,10 +117,10 @@ class PairedEvaluator:
         return means
 
     def relative_errors(self, *, apart: bool = False) -> dict[str, tuple[float, ...]]:
-        """Track → errors of the base over their means on all tracks, one for each metric.
+        """Return track → errors of the base divided by their means over all tracks, one for each metric.
 
         Args:
-            apart: Each by itself; else each is the mean of them all.
+            apart: Whether each metric keeps its own ratio; otherwise all have the mean ratio of the track.
         """
         every = {
             metric: np.mean([means[metric] for means in self.means.values()]) for metric in self.means[self._tracks[0]]
@@ -145,7 +145,7 @@ class PairedEvaluator:
         return found
 
     def evaluate(self, candidate: Artifact | Policy, on_scenario: Callable[[], object] = lambda: None) -> Verdict:
-        """Play a candidate on all scenarios."""
+        """Evaluate a candidate on all scenarios and compare it with the base."""
         policy = LearnedPolicy(candidate) if isinstance(candidate, Artifact) else candidate
         found = self._play(policy, self._scenarios, on_scenario)
         cells = {
@@ -159,11 +159,11 @@ class PairedEvaluator:
     def largest_fraction(
         self, candidate: Callable[[float], Artifact], on_scenario: Callable[[], object] = lambda: None
     ) -> tuple[Verdict, float]:
-        """The largest of `FRACTIONS` of what was learned with which nothing gets worse; the least if there is none.
+        """Find the largest of `FRACTIONS` with an admissible verdict; the smallest if there is none.
 
         Args:
-            candidate: Artifact of a fraction.
-            on_scenario: Called after each scenario of the first one.
+            candidate: Function from a fraction to the artifact of that fraction of the residual.
+            on_scenario: Called after each scenario of the first candidate.
         """
         fraction = FRACTIONS[0]
         verdict = self.evaluate(candidate(fraction), on_scenario)
@@ -174,7 +174,7 @@ class PairedEvaluator:
         return verdict, fraction
 
     def require_same_as_base(self, artifact: Artifact) -> None:
-        """Refuse an agent that is to add nothing, and is not the base bit for bit (`SpidarError`)."""
+        """Raise `SpidarError` if an untrained agent differs from the base in any metric of one scenario per track."""
         first = {track: k for k, (track, _) in reversed(list(enumerate(self._scenarios)))}
         found = self._play(LearnedPolicy(artifact), [self._scenarios[k] for k in first.values()])
         for (track, k), mine in zip(first.items(), found, strict=True):

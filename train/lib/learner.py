@@ -1,4 +1,4 @@
-"""Settings of a learner, PPO or SAC, and the layers that it learns; the learner itself is in `train/lib/agent.py`."""
+"""Settings of PPO and SAC, and the type of an actor's layers; the agents are built in `train/lib/agent.py`."""
 
 from dataclasses import dataclass, field
 
@@ -12,25 +12,25 @@ ALGORITHMS = ("ppo", "sac")
 ACTIVATIONS = ("tanh", "relu")
 """Activations by name."""
 Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
-"""W (out, in) and b (out,) of every layer of an actor; behind the last W stands the matrix past the layers, if any."""
+"""W (out, in) and b (out,) of every layer of an actor; the last columns of the last W are the skip matrix, if any."""
 
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """What only PPO has."""
+    """Settings of PPO alone."""
 
     gae_lambda: float = 0.95
-    """PPO: λ of the advantages."""
+    """PPO: λ of the generalised advantage estimation."""
     n_steps: int = 256
-    """PPO: decisions of each environment in a rollout."""
+    """PPO: length of a rollout [decisions of each robot]."""
     epochs: int = 10
-    """PPO: passes over a rollout."""
+    """PPO: number of passes over a rollout."""
     clip_range: float = 0.2
-    """PPO: clip of the probability ratio."""
+    """PPO: clipping range of the probability ratio."""
     target_kl: float = 0.0
-    """PPO: divergence at which a rollout's passes end; 0 is no limit."""
+    """PPO: KL divergence at which the passes over a rollout stop; 0 is no limit."""
     entropy: float = 0.0
-    """PPO: weight of the entropy."""
+    """PPO: weight of the entropy in the loss."""
 
     def __post_init__(self) -> None:
         require_least(1, n_steps=self.n_steps)
@@ -38,19 +38,19 @@ class PPOConfig:
 
 @dataclass(frozen=True)
 class SACConfig:
-    """What only SAC has."""
+    """Settings of SAC alone."""
 
     buffer: int = 200_000
-    """SAC: size of the replay buffer."""
+    """SAC: size of the replay buffer [decisions]."""
     warmup: int = 10_000
-    """SAC: decisions of the base before learning begins."""
+    """SAC: number of decisions with the noisy base before learning begins."""
     updates: int = 4
-    """SAC: steps of the optimiser after each step of all environments."""
+    """SAC: optimiser steps after each step of all robots."""
 
 
 @dataclass(frozen=True)
 class LearnerConfig:
-    """Networks, optimiser, and when the actor learns."""
+    """Networks, optimiser, exploration and schedule of the actor."""
 
     algorithm: str = "ppo"
     """Algorithm: ppo or sac."""
@@ -59,36 +59,36 @@ class LearnerConfig:
     activation: str = "tanh"
     """PPO: activation of the hidden layers, tanh or relu."""
     skip: bool = False
-    """PPO: whether a matrix goes straight from what the actor sees to what it says, past the layers."""
+    """PPO: whether the actor has a skip matrix from its input to its output."""
     last_layer: bool = False
-    """PPO: only the actor's last layer learns, with what goes past the others: a step of Adam in the others, however
-    small `action_scale`, would be many times as large as a small exploration."""
+    """PPO: whether only the actor's last layer and skip matrix learn; steps of Adam in the other layers would change
+    the action by much more than a small exploration does, whatever `action_scale` is."""
     symmetric: bool = False
-    """PPO in the torso's axes: turned by 90° the robot is the same again, so the network is, too."""
+    """PPO in torso axes: whether the network is equivariant to 90° rotations of the robot."""
     enlarged: float = 1.0
-    """In the torso's axes: errors enter the networks so many times as large as what scales them, which from nothing
-    are falls: beside those a centimetre would be lost."""
+    """In torso axes: factor that enlarges the scaled errors, since the scaling is determined from the large errors of
+    falls."""
     critic_hidden: int = 128
     """Width of the critic's two hidden layers."""
     action_scale: float = 1.0
-    """What a 1 of the learner is of an action: steps of Adam are as large in units of one network as of another, and
-    have to be small beside the exploration."""
+    """Environment action that corresponds to a network output of 1; it keeps steps of Adam small relative to the
+    exploration."""
     log_std: float = -2.0
-    """Logarithm of the exploration's standard deviation at the beginning, in units of `action_scale`."""
+    """Natural logarithm of the exploration's initial standard deviation, in units of `action_scale`."""
     log_std_end: float | None = None
-    """PPO: the same at the end; it changes evenly, segment by segment. None: it is learned."""
+    """PPO: final value of `log_std`, which changes linearly, segment by segment. None: it is learned."""
     lr: float = 5e-4
-    """Learning rate at the beginning."""
+    """Initial learning rate."""
     lr_end: float = 5e-5
-    """Learning rate at the end; it changes evenly, segment by segment."""
+    """Final learning rate; it changes linearly, segment by segment."""
     gamma: float = 0.97
-    """Discount of a tick, or of the ticks that an action is held."""
+    """Discount factor per decision, which lasts `hold` control ticks."""
     batch_size: int = 2048
-    """Samples in a step of the optimiser."""
+    """Samples in an optimiser step."""
     critic_first: int = 16_384
-    """Decisions in which only the critic learns."""
+    """Number of decisions at the beginning in which only the critic learns."""
     average: float = 0.9
-    """Fraction of the actor's averaged weights that a rollout leaves; 0 is no averaging."""
+    """Fraction of the averaged weights that is kept after each rollout; 0 is no averaging."""
     ppo: PPOConfig = field(default_factory=PPOConfig)
     sac: SACConfig = field(default_factory=SACConfig)
 

@@ -1,4 +1,4 @@
-"""The network that a run begins as: an artifact of the same kind, taken apart into an actor's layers."""
+"""Initial network of a run: loads an artifact of the same kind and converts it to the layers of an actor."""
 
 from pathlib import Path
 
@@ -11,17 +11,17 @@ from train.lib.learner import Layers, LearnerConfig
 
 
 def find_origin(start: str, seed: int, env: EnvConfig, learner: LearnerConfig) -> Artifact | None:
-    """The artifact whose network a run begins as.
+    """Load the artifact whose network initialises a run; None if `start` is empty.
 
     Args:
-        start: Its path, in which {seed} stands for the seed; none if empty.
+        start: Path of the artifact; {seed} is replaced by the seed.
         seed: Seed of the run.
-        env: What the run's agent sees and does.
-        learner: What its network is.
+        env: Observation and action settings of the run's agent.
+        learner: Network settings of the run's agent.
 
     Raises:
-        ArtifactError: For what is no artifact.
-        SpidarError: For a network that the run cannot go on with.
+        ArtifactError: If the file is not an artifact.
+        SpidarError: If the network does not match the settings of the run.
     """
     if not start:
         return None
@@ -47,7 +47,7 @@ def find_origin(start: str, seed: int, env: EnvConfig, learner: LearnerConfig) -
 
 
 def first_layers(found: Artifact, action_scale: float = 1.0) -> Layers:
-    """Its layers as those of an actor of which a 1 is `action_scale` of an action."""
+    """Return the artifact's layers, rescaled so that an output of 1 is `action_scale` of the environment's action."""
     *first, (weight, bias) = zip(found.weights, found.biases, strict=True)
     if found.skip.size:
         weight = np.concatenate([weight, found.skip], axis=1)

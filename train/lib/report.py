@@ -1,4 +1,4 @@
-"""The end of a run: what was learned, what one does with it next, and its row on the test scenarios."""
+"""Final report of a run: the validation result, the commands for the next steps, and the row on the test scenarios."""
 
 import json
 from collections.abc import Sequence
@@ -14,19 +14,19 @@ from spidar_gym.policies.policy import policy_name
 from train.lib.config import Recipe
 
 HEADINGS = {metric: heading for group in COMPARED.values() for metric, (heading, *_) in group.items()}
-"""Metric → its name in reports."""
+"""Metric → heading in reports."""
 
 
 def report(path: Path, recipe: Recipe, env_id: str, tracks: Sequence[str], base: str, *, workers: int) -> None:
-    """Print what a run has learned, and evaluate it for a row where that is wanted.
+    """Print the validation result of a run and, if `recipe.output.row` is set, evaluate it and write its row.
 
     Args:
-        path: The artifact, beside its run's curve.
-        recipe: Settings of the run, which say whether a row is wanted, and where it goes.
+        path: The artifact, in the same folder as its run's curve.
+        recipe: Settings of the run; `recipe.output` states whether and where to write a row.
         env_id: Environment.
-        tracks: Tracks on which it was evaluated.
-        base: Preset of the controller that it adds to, or that it is to replace; or a row of the leaderboard.
-        workers: Processes.
+        tracks: Tracks to evaluate on.
+        base: Preset of the controller that the policy adds to or replaces, or a row of the leaderboard.
+        workers: Number of processes.
     """
     print(f"{path}: {recipe.name}, seed {recipe.seed}\n{conclusion(path, base, env_id, tracks)}")
     if not recipe.output.row:
@@ -46,10 +46,10 @@ def report(path: Path, recipe: Recipe, env_id: str, tracks: Sequence[str], base:
 
 
 def conclusion(path: Path, base: str, env_id: str, tracks: Sequence[str]) -> str:
-    """How the chosen agent compares with its base on the validation scenarios, and what one does with it next."""
+    """Compare the chosen agent with its base on the validation scenarios, and list the commands for the next steps."""
     content = json.loads(path.with_name("curve.json").read_text(encoding="utf-8"))
     chosen, curve = content["chosen"], content["curve"]
-    # The last: where less of what was learned was chosen, it follows on all of it.
+    # The last line with these steps: if a fraction of the residual was chosen, its line follows that of the whole.
     lines = [line for line in curve if line["steps"] == chosen["steps"]][-1:]
     worst = max((value for line in lines for cell in line["cells"].values() for value in cell.values()), default=0.0)
     if not chosen["steps"]:

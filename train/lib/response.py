@@ -1,4 +1,4 @@
-"""How a pose responds to a residual wrench: measured by pulses on the closed loop, whatever controller closes it."""
+"""Pulse response of the pose error to a residual wrench, measured on the closed loop with any controller."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -20,29 +20,30 @@ if TYPE_CHECKING:
 SETTLE = 40
 """Ticks of hovering before a pulse."""
 PULSE = 0.2
-"""Size of a pulse, in the residual's own unit."""
+"""Size of a pulse, as a fraction of the action's range."""
 POSE = 6
-"""Size of a pose error: position [m] and attitude [rad], three each."""
+"""Entries of a pose error: three of position [m], three of attitude [rad]."""
 RESPONSE_S = 5.0
-"""Length of a response: what is left after it is small [s]."""
+"""Length of a response [s]; the remainder after it is small."""
 RESPONSE_TICKS = round(RESPONSE_S * CONTROL_RATE)
-"""Length of a response in control ticks."""
+"""Length of a response [control ticks]."""
 
 
 def pose_error(info: Mapping[str, Any]) -> np.ndarray:
-    """Position error, world [m], and attitude error, torso axes [rad], shape (6,)."""
+    """Return position error, world axes [m], and attitude error, torso axes [rad], shape (6,)."""
     return np.concatenate((info["position_error"], info["attitude_error"]))
 
 
 def pulse_response(arguments: Mapping[str, Any], seed: int, ticks: int, control: str) -> np.ndarray:
-    """Change of the pose error after a pulse of one tick on each entry of the residual wrench, over the pulse.
+    """Measure the change of the pose error after a one-tick pulse on each entry of the residual wrench.
 
-    The robot hovers in a form drawn from the seed, with the pulse and without it.
+    The robot hovers in a form sampled from the seed, once with each pulse and once without. The difference of the pose
+    errors is divided by the size of the pulse.
 
     Args:
         arguments: Arguments of `gym.make`: action mode and controller.
         seed: Seed of the form and the episode.
-        ticks: Length of the response.
+        ticks: Length of the response [control ticks].
         control: `python` or `core`.
 
     Returns:
@@ -66,7 +67,7 @@ def pulse_response(arguments: Mapping[str, Any], seed: int, ticks: int, control:
 
 
 class _Pulse:
-    """The zero action, but for one tick after the robot has settled."""
+    """Policy of zero actions, except for a pulse of one tick after the robot has settled."""
 
     def __init__(self, pulse: np.ndarray) -> None:
         self._pulse, self._tick = pulse, 0
@@ -81,13 +82,13 @@ class _Pulse:
 
 
 def respond(response: "torch.Tensor", wrench: "torch.Tensor") -> "torch.Tensor":
-    """Pose error (ticks, 6) that a residual wrench (ticks, 6) causes: its convolution with the response.
+    """Convolve a residual wrench (ticks, 6) with the response: the pose error (ticks, 6) that it causes.
 
     Args:
         response: Pulse response of shape (6, 6, length), last tick first.
-        wrench: Residual wrench in its own unit.
+        wrench: Residual wrench as an action, within ± 1.
     """
-    from torch.nn import functional  # by those who learn, and not for help
+    from torch.nn import functional  # imported late so that `--help` works without torch
 
     padded = functional.pad(wrench.T[None], (response.shape[2] - 1, 0))
     return functional.conv1d(padded, response)[0].T

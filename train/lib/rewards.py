@@ -1,4 +1,4 @@
-"""Rewards to learn from; rows are ranked by the tracks' own errors, whatever was rewarded."""
+"""Training rewards; leaderboard rows are ranked by the errors of the tracks, independent of the reward."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,69 +14,69 @@ from spidar_gym.tasks.task import length, tolerance
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """What a learner is rewarded for."""
+    """Training reward and its units."""
 
     reward: str = "environment"
-    """Reward of a tick: environment, pose, or economy."""
+    """Reward of a control tick: environment, pose or economy."""
     position: float = 0.01
-    """Position error that halves its term of the reward `pose` [m], on the mean track. On each track this and the next
-    three are in proportion to the base's own errors, so that no track is learned at another one's cost."""
+    """Position error that halves its term of the reward `pose` [m], averaged over the tracks. On each track this and
+    the next three units are scaled by the base's errors, so that all tracks count alike."""
     attitude: float = 0.02
-    """Attitude error that halves its term of `pose` [rad]."""
+    """Attitude error that halves its term of `pose` [rad], averaged over the tracks."""
     velocity: float = 0.0
-    """Velocity that halves a term of its own of `pose` [m/s]; 0 is no such term."""
+    """Velocity error that halves its term of `pose` [m/s]; 0 omits the term."""
     rate: float = 0.0
-    """Angular velocity that halves a term of its own of `pose` [rad/s]; 0 is no such term."""
+    """Angular velocity error that halves its term of `pose` [rad/s]; 0 omits the term."""
     apart: bool = False
-    """In proportion to the base's error of the same kind, position or attitude; else to the mean of both."""
+    """Whether to scale units by the base's error of the same kind, position or attitude; else by the mean of both."""
     far_position: float = 0.0
-    """Position error that halves a second term of `pose` [m], the same on each track: where the others are next to
-    nothing, it says which way is better; 0 is no such term."""
+    """Position error that halves a second, wider term of `pose` [m], the same on each track: it guides the learner
+    where the other terms are nearly 0. 0 omits the term."""
     far_attitude: float = 0.0
-    """Attitude error that halves such a term [rad]."""
+    """Attitude error that halves a second, wider term of `pose` [rad]; 0 omits the term."""
     joint: float = 0.0
-    """Largest distance of a joint from the schedule that halves a term of its own of `pose` [rad]; 0: none."""
+    """Largest joint error from the schedule that halves its term of `pose` [rad]; 0 omits the term."""
     change: float = 0.0
-    """What a tick costs in which every number of an action is another one by 1; in proportion to its square."""
+    """Cost in `pose` of a change of all entries of the action by 1 per step; it grows with the square of the change."""
     penalty: float = 0.05
-    """Fraction of the reward that the largest action costs."""
+    """Penalty on the mean square action, as a fraction of the reward; reached at the largest action."""
     reward_shift: float = 0.0
-    """Constant that is subtracted from the reward of every tick, so that critics begin near the truth."""
+    """Constant subtracted from the reward of every tick, so that the critic's initial values are nearly correct."""
     reward_scale: float = 1.0
-    """Factor of the shifted reward."""
+    """Factor applied to the shifted reward."""
 
     def __post_init__(self) -> None:
         require_name("reward", self.reward, REWARDS)
 
     def __call__(self, tick: "Tick") -> np.ndarray:
-        """Rewards of a tick, shifted and scaled (robots,)."""
+        """Compute the rewards of a tick, shifted and scaled (robots,)."""
         return self.reward_scale * (REWARDS[self.reward](self, tick) - self.reward_shift)
 
 
 @dataclass
 class Tick:
-    """What the rewards of a tick are computed from; each array has an entry for every robot."""
+    """Inputs of the reward of a tick; each array has an entry for every robot."""
 
     reward: np.ndarray
-    """The environment's own reward."""
+    """Reward of the environment."""
     info: Mapping[str, np.ndarray]
-    """Info of this tick; of flights also `velocity_error` [m/s], `rate_error` [rad/s], `joint_error` [rad]; of crawls
-    `remaining`, how far the goal is, and `way`, how far it was at the start [m]."""
+    """`info` of this tick; for flights also `velocity_error` [m/s], `rate_error` [rad/s], `joint_error` [rad]; for
+    crawls also `remaining`, the distance to the goal [m], and `way`, that distance at the start [m]."""
     before: Mapping[str, np.ndarray]
-    """The same of the tick before it."""
+    """`info` of the previous tick, with the same entries."""
     action: np.ndarray
-    """Actions that the environment was given, within ± 1."""
+    """Actions passed to the environment, within ± 1."""
     change: np.ndarray
-    """How far what was said is from what was said a tick before, root mean square over its numbers."""
+    """Root mean square difference between the policy's action and its previous one."""
 
 
 def _effort(config: RewardConfig, tick: Tick) -> np.ndarray:
-    """What actions of this size cost: the fraction for the largest."""
+    """Compute the cost of the actions: `penalty` for the largest ones."""
     return config.penalty * np.square(tick.action).mean(axis=1)
 
 
 def _pose(config: RewardConfig, tick: Tick) -> np.ndarray:
-    """Mean of 1/(1 + (e/e₀)²) over the terms, less the fraction for a large action; 0 where the flight is over."""
+    """Compute the mean of 1/(1 + (e/e₀)²) over the terms, reduced by the action's costs; 0 after a failure."""
     terms = (
         ("position_error", config.position), ("attitude_error", config.attitude),
         ("velocity_error", config.velocity), ("rate_error", config.rate),
@@ -90,10 +90,10 @@ def _pose(config: RewardConfig, tick: Tick) -> np.ndarray:
 
 
 def _economy(config: RewardConfig, tick: Tick) -> np.ndarray:
-    """Fraction of the distance that was made, less its energy (20 Wh/m cost as much as all of it) and slip; −1: failed.
+    """Compute the covered fraction of the distance, minus the costs of energy, slip and action; −1 for a failure.
 
-    Nothing for a success: whether a goal is met within 10 mm is decided at the end of some 80 actions, and a critic
-    that is to foresee it sees nothing else.
+    An energy of 20 Wh/m costs as much as the whole distance gains. A success is not rewarded: it depends on the last of
+    about 80 actions (10 mm at the goal), and its reward would dominate what the critic has to predict.
     """
     info, before, whole = tick.info, tick.before, tick.info["way"]
     energy = (info["energy_wh"] - before["energy_wh"]) / (ENERGY_SCALE * whole)

@@ -1,4 +1,4 @@
-"""A run's folder: checkpoint, learning curve and artifact; nothing half-written, nothing resumed that does not fit."""
+"""Folder of a run: checkpoint, learning curve and artifact, written atomically; resuming validates the checkpoint."""
 
 import json
 import os
@@ -22,47 +22,47 @@ from train.lib.evaluate import Verdict
 from train.lib.learner import Layers
 
 FRAMEWORKS = ("torch", "stable-baselines3")
-"""Packages that learn."""
+"""Training packages whose versions are recorded."""
 FORMAT = 3
-"""Version of the checkpoints' format."""
+"""Format version of checkpoints."""
 TITLE = "checkpoint.json"
-"""Part of a checkpoint that holds what is no array."""
+"""Entry of a checkpoint that holds everything except arrays."""
 MOST_BYTES = 2**32
-"""Largest checkpoint [bytes]."""
+"""Largest accepted checkpoint [bytes]."""
 LINE = {
     "steps": int, "seconds": float, "score": float, "worst": float, "success": float, "reward": (float, None),
     "cells": {str: {str: float}},
 }  # fmt: skip
-"""A line of a learning curve."""
+"""Schema of a line of a learning curve."""
 FORM = {
     "segment": int, "learner": {str: int}, "clip": float, "best_score": float, "best_steps": int,
     "base": {str: {str: float}}, "curve": [LINE], "seconds": float, "parts": {str: float},
 }  # fmt: skip
-"""Parts of a state that are no arrays."""
+"""Schema of the parts of a state that are not arrays."""
 
 
 class CheckpointError(SpidarError):
-    """A checkpoint that cannot be read, or that belongs to another run, environment or version."""
+    """Raised for a checkpoint that cannot be read, or that belongs to another run, environment or version."""
 
 
 @dataclass
 class State:
-    """All that a run has reached."""
+    """Complete state of a run."""
 
     segment: int = 0
-    """Segments done."""
+    """Number of completed segments."""
     learner: Mapping[str, Any] = field(default_factory=dict)
-    """Arrays and whole numbers of what learns, by name, such as `train.lib.agent.save_state` gives."""
+    """Arrays and integers of the learner by name, for example from `train.lib.agent.save_state`."""
     scaling: Mapping[str, Any] = field(default_factory=dict)
-    """Mean and variance of the observations."""
+    """Mean, variance and clip of the observation scaling."""
     mean: Layers = ()
-    """The averaged actor."""
+    """Layers of the averaged actor."""
     best: Layers = ()
-    """The chosen actor; the one that adds nothing until there is a better one."""
+    """Layers of the chosen actor; initially the untrained one."""
     best_score: float = 0.0
     """Paired score of the chosen actor."""
     best_steps: int = 0
-    """Ticks after which the chosen actor was reached."""
+    """Training length at which the chosen actor was reached [control ticks]."""
     base: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Track → metric → mean of the base on the validation scenarios."""
     curve: list[dict[str, Any]] = field(default_factory=list)
@@ -70,18 +70,18 @@ class State:
     seconds: float = 0.0
     """Wall time so far, validation included [s]."""
     parts: dict[str, float] = field(default_factory=dict)
-    """Where it went: what was done → wall time [s]; with what came before the first segment."""
+    """Part of the run → wall time [s], including the time before the first segment."""
 
 
 def require_frameworks() -> None:
-    """Load what every run needs and no help does (`MissingDependencyError` without the extra `train`)."""
+    """Import the training packages (`MissingDependencyError` without the extra `train`); not needed for `--help`."""
     try:
         import stable_baselines3  # noqa: F401 - only whether it is there
         import tensorboard  # noqa: F401 - only whether it is there
         import torch
     except ModuleNotFoundError as error:
         raise MissingDependencyError(str(error.name), "pip install -e '.[train]'") from error
-    # Several runs side by side, each on a core.
+    # One thread per run, so that several runs can share a machine.
     torch.set_num_threads(1)
 
 
@@ -89,19 +89,19 @@ class Run:
     """The folder of one run."""
 
     def __init__(self, folder: Path, settings: Mapping[str, Any], env_id: str, arguments: Mapping[str, Any]) -> None:
-        """Make it where it is not (`SpidarError` where it cannot be).
+        """Create the folder if it does not exist (`SpidarError` if that fails).
 
         Args:
-            folder: Folder of this run and no other.
-            settings: Everything on which the result depends; a checkpoint with others is refused.
-            env_id: Environment.
+            folder: Folder, used by this run only.
+            settings: All settings that the result depends on; a checkpoint with other settings is rejected.
+            env_id: Environment id.
             arguments: Arguments of `gym.make`.
         """
         self.folder = output_folder(folder)
         self.checkpoint = folder / "checkpoint.npz"
-        """File of the state."""
+        """Path of the checkpoint."""
         self.previous = folder / "previous.npz"
-        """The checkpoint before that, for the day on which the last one is damaged."""
+        """Path of the previous checkpoint, a backup in case the last one is damaged."""
         self._settings = json.loads(json.dumps(dict(settings)))
         self._identity = {
             "settings": self._settings,
@@ -112,13 +112,13 @@ class Run:
 
     @classmethod
     def of(cls, recipe: Recipe, env_id: str, arguments: Mapping[str, Any]) -> "Run":
-        """The run of a recipe's settings: neither processes and threads nor what it leaves behind are one."""
+        """Create the run of a recipe; the numbers of processes and threads and the outputs do not identify it."""
         flat = flatten(recipe, OutputConfig)
         settings = {name: value for name, value in flat.items() if name not in ("workers", "threads")}
         return cls(recipe.output.out / recipe.name / f"seed{recipe.seed}", settings, env_id, arguments)
 
     def save(self, state: State) -> None:
-        """Write the checkpoint and the curve, each whole or not at all."""
+        """Write the checkpoint and the curve, each atomically."""
         words = {
             name: getattr(state, name) for name in ("segment", "best_score", "best_steps", "base", "curve", "parts")
         }
@@ -139,14 +139,14 @@ class Run:
         self.write_curve(state)
 
     def load(self) -> State | None:
-        """The state to go on from; None where there is none (`CheckpointError` for one that does not fit)."""
+        """Load the state to resume from; None without a checkpoint (`CheckpointError` for one that does not match)."""
         path = self.checkpoint if self.checkpoint.exists() else self.previous
         if not path.exists():
             old = self.folder / "checkpoint.pt"
             if old.exists():
                 raise CheckpointError(
                     f"{old} is of an earlier version, and is not read because it can run code; "
-                    "valid: another --out, or this one without it, where the run begins anew"
+                    "valid: another --out, or this one without the file, which starts the run again"
                 )
             return None
         try:
@@ -160,9 +160,9 @@ class Run:
             require_form(content["state"], FORM, "state")
         except BorderError as error:
             less = (
-                f"goes on from {self.previous.name}"
+                f"resumes from {self.previous.name}"
                 if path != self.previous and self.previous.exists()
-                else "begins anew"
+                else "starts again"
             )
             raise CheckpointError(
                 f"{path} is no checkpoint ({error}); valid: one that this script wrote; without the file the run {less}"
@@ -170,7 +170,7 @@ class Run:
         return _state(path, content["state"], arrays)
 
     def _require_own(self, path: Path, identity: Mapping[str, Any]) -> None:
-        """Refuse a checkpoint of other settings, another environment or other versions."""
+        """Raise `CheckpointError` if settings, environment or versions differ from those of this run."""
         for name, value in self._identity.items():
             if identity.get(name) != value:
                 raise CheckpointError(
@@ -179,11 +179,11 @@ class Run:
                 )
 
     def require_alike(self, found: Mapping[str, Any], like: Mapping[str, Any]) -> None:
-        """Refuse what was loaded where a fresh one has other names, types or shapes (`CheckpointError`).
+        """Raise `CheckpointError` if names, types or shapes of a loaded state differ from those of an initial one.
 
         Args:
-            found: Arrays and numbers of the state.
-            like: The same of a run at its beginning; an array without rows may have any number of them.
+            found: Arrays and numbers of the loaded state.
+            like: Arrays and numbers of an initial state; an array with zero rows matches any number of rows.
         """
         for name in sorted(found.keys() ^ like.keys()):
             raise CheckpointError(
@@ -195,12 +195,12 @@ class Run:
             rows = 1 if b.ndim and not len(b) else 0
             if a.dtype != b.dtype or a.ndim != b.ndim or a.shape[rows:] != b.shape[rows:] or not np.isfinite(a).all():
                 raise CheckpointError(
-                    f"{self.folder}'s checkpoint has {a.dtype} {a.shape} or what is not finite in {name[:60]!r}; "
+                    f"{self.folder}'s checkpoint has {a.dtype} {a.shape} or non-finite numbers in {name[:60]!r}; "
                     f"valid: {b.dtype} {b.shape}"
                 )
 
     def write_curve(self, state: State) -> None:
-        """The learning curve and what it cost, for people and plots."""
+        """Write the learning curve, with settings, wall times and versions, as curve.json."""
         content = {
             "settings": self._settings,
             "command": command_line(),
@@ -216,20 +216,20 @@ class Run:
         write_text(self.folder / "curve.json", json_text(content))
 
     def publish(self, artifact: Artifact) -> Path:
-        """Write the artifact; its path."""
+        """Write the artifact and return its path."""
         path = self.folder / "policy.npz"
         write_artifact(artifact, path)
         return path
 
 
 def layer_arrays(name: str, layers: Layers) -> dict[str, np.ndarray]:
-    """Arrays of layers by name."""
+    """Return the arrays of layers by name."""
     named = (zip(("weight", "bias"), layer, strict=True) for layer in layers)
     return {f"{name}/{k}/{part}": array for k, layer in enumerate(named) for part, array in layer}
 
 
 def _state(path: Path, words: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> State:
-    """The state of a checkpoint's parts."""
+    """Build the state from a checkpoint's parts."""
 
     def under(head: str) -> dict[str, np.ndarray]:
         return {name.removeprefix(head): array for name, array in arrays.items() if name.startswith(head)}
@@ -238,7 +238,7 @@ def _state(path: Path, words: Mapping[str, Any], arrays: Mapping[str, np.ndarray
         own = under(f"{name}/")
         count = sum(key.endswith("/weight") for key in own)
         if set(own) != {f"{k}/{part}" for k in range(count) for part in ("weight", "bias")}:
-            raise CheckpointError(f"{path} has half of the layers of {name}; valid: a checkpoint with all its parts")
+            raise CheckpointError(f"{path} lacks some of the layers of {name}; valid: a checkpoint with all its parts")
         return tuple((own[f"{k}/weight"], own[f"{k}/bias"]) for k in range(count))
 
     words = dict(words)
@@ -252,13 +252,13 @@ def _state(path: Path, words: Mapping[str, Any], arrays: Mapping[str, np.ndarray
 
 
 def make_artifact(layers: Layers, scaling: Scaling, state: State, **about: Any) -> Artifact:  # noqa: ANN401 - fields of `Artifact`
-    """An actor as the benchmark's artifact.
+    """Build the artifact of an actor.
 
     Args:
         layers: Layers of the actor.
         scaling: Scaling of its observations.
-        state: State of the run, whose curve the artifact carries.
-        **about: Everything else of the `Artifact`; the command and the curve are added to `training`.
+        state: State of the run, whose curve is stored in the artifact.
+        **about: All other fields of the `Artifact`; the command and the curve are added to `training`.
     """
     curve = [[entry["steps"], round(entry["score"], 5)] for entry in state.curve]
     return Artifact(
@@ -272,7 +272,7 @@ def make_artifact(layers: Layers, scaling: Scaling, state: State, **about: Any) 
 
 
 def curve_line(steps: int, seconds: float, verdict: Verdict, reward: float | None = None) -> dict[str, Any]:
-    """One line of a learning curve."""
+    """Build a line of a learning curve."""
     return {
         "steps": steps,
         "seconds": round(seconds, 1),
@@ -285,13 +285,13 @@ def curve_line(steps: int, seconds: float, verdict: Verdict, reward: float | Non
 
 
 def command_line() -> str:
-    """The command that is being run: `python -m train.residual …`."""
+    """Return the command of this process: `python -m train.residual …`."""
     module = sys.modules["__main__"].__spec__
     return " ".join(["python -m", module.name if module else Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
 def _difference(name: str, was: Any, now: Any) -> str:  # noqa: ANN401 - JSON
-    """What is not the same, in a few words."""
+    """Describe the first difference between two values in a few words."""
     if isinstance(was, dict) and isinstance(now, dict):
         key = next((k for k in now if was.get(k) != now[k]), next(iter(set(was) - set(now)), ""))
         return f"{_brief(key)} = {_brief(was.get(key))} instead of {_brief(now.get(key))}"
@@ -299,5 +299,5 @@ def _difference(name: str, was: Any, now: Any) -> str:  # noqa: ANN401 - JSON
 
 
 def _brief(value: object) -> str:
-    """A value in a few words of one line."""
+    """Format a value in one line of at most 60 characters."""
     return " ".join("".join(c if c.isprintable() else " " for c in str(value)).split())[:60]

@@ -1,4 +1,4 @@
-"""Searches without a gradient: what is to be tried next follows from what was tried and what it cost."""
+"""Gradient-free searches: propose the next trials from the costs of the previous ones."""
 
 import math
 from dataclasses import dataclass
@@ -12,20 +12,20 @@ from train.lib.envs import training_seed
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """How numbers within ± 1 are searched for."""
+    """Search for parameters within ± 1."""
 
     method: str = "cma"
-    """Method: cma is CMA-ES with a diagonal covariance, pairs the differences of paired trials."""
+    """Search method: cma is CMA-ES with a diagonal covariance; pairs is random search with paired trials."""
     generations: int = 60
-    """How often it learns what its trials cost."""
+    """Number of generations."""
     population: int = 12
-    """Trials of a generation."""
+    """Number of trials in a generation."""
     spread: float = 0.2
-    """Standard deviation of a number's change in a trial, of CMA-ES at the beginning."""
+    """Standard deviation of a parameter's change in a trial; for CMA-ES its initial value."""
     rate: float = 0.04
-    """Pairs: root mean square of a generation's changes of the numbers at the beginning; it falls to 0 evenly."""
+    """Pairs: initial root mean square of the parameters' change in a generation; it falls linearly to 0."""
     momentum: float = 0.7
-    """Pairs: fraction of the last generation's direction that the next one keeps."""
+    """Pairs: fraction of the previous generation's direction that the next one keeps."""
 
     def __post_init__(self) -> None:
         require_name("method", self.method, METHODS)
@@ -37,43 +37,43 @@ class SearchConfig:
 
 
 class Search(Protocol):
-    """A search: after it was told the same costs it is in the same state, so those are all that is kept of it."""
+    """Interface of a search; its state depends only on the costs it received, so a checkpoint stores only those."""
 
     @property
     def mean(self) -> np.ndarray:
-        """What it takes for the best now (size,)."""
+        """Current estimate of the optimum (size,)."""
         ...
 
     def ask(self) -> np.ndarray:
-        """What to try, within ± 1 (population, size)."""
+        """Return the next trials, within ± 1 (population, size)."""
         ...
 
     def tell(self, costs: np.ndarray) -> None:
-        """What it cost (population,)."""
+        """Update the search with the costs of the trials (population,)."""
         ...
 
 
 class Pairs:
-    """Each direction up and down: the numbers move along the directions by the differences of the costs.
+    """Augmented random search [Mania2018] with a normalised step and momentum.
 
-    Augmented random search [Mania2018], its step normalised, with momentum.
+    Each random direction is tried with both signs; the parameters move along it by the difference of the two costs.
     """
 
     def __init__(self, config: SearchConfig, size: int, seed: int) -> None:
-        """Begin at 0."""
+        """Start at zero."""
         self.mean = np.zeros(size)
         self._config, self._seed, self._generation = config, seed, 0
         self._way, self._directions = np.zeros(size), np.zeros((0, size))
 
     def ask(self) -> np.ndarray:
-        """One side of all directions, then the other."""
+        """Return the trials: the mean plus each direction, then the mean minus each direction."""
         rng = np.random.Generator(np.random.PCG64(training_seed(self._seed, 5, self._generation)))
         self._directions = rng.standard_normal((self._config.population // 2, self.mean.size))
         steps = self._config.spread * np.concatenate([self._directions, -self._directions])
         return np.clip(self.mean + steps, -1.0, 1.0)
 
     def tell(self, costs: np.ndarray) -> None:
-        """Move."""
+        """Move the mean along the directions."""
         config, half = self._config, len(self._directions)
         self._way = config.momentum * self._way - (costs[:half] - costs[half:]) @ self._directions
         size = float(np.sqrt(np.mean(self._way**2)))
@@ -84,16 +84,16 @@ class Pairs:
 
 
 class Evolution:
-    """CMA-ES of the library `cma`, with a diagonal covariance: sooner there in tens of numbers."""
+    """CMA-ES of the library `cma` with a diagonal covariance, which converges faster for tens of parameters."""
 
     def __init__(self, config: SearchConfig, size: int, seed: int) -> None:
-        """Begin at 0 (`MissingDependencyError` without the library)."""
+        """Start at zero (`MissingDependencyError` if `cma` is not installed)."""
         try:
             import cma
         except ModuleNotFoundError as error:
             raise MissingDependencyError("cma", "pip install -e '.[train]'") from error
 
-        # Of its own: whatever draws from NumPy's global generator meanwhile would change the search.
+        # A separate generator: other users of NumPy's global generator would change the search.
         draw = np.random.RandomState(training_seed(seed, 5) % 2**32).randn
         options = {
             "popsize": config.population, "randn": draw, "seed": math.nan, "verbose": -9, "CMA_diagonal": True,
@@ -108,12 +108,12 @@ class Evolution:
         return np.array(self._evolution.result.xfavorite, float)
 
     def ask(self) -> np.ndarray:
-        """A generation."""
+        """Sample a generation of trials."""
         self._points = self._evolution.ask()
         return np.array(self._points, float)
 
     def tell(self, costs: np.ndarray) -> None:
-        """Adapt."""
+        """Adapt the distribution to the costs."""
         self._evolution.tell(self._points, costs.tolist())
 
 
@@ -122,5 +122,5 @@ METHODS = {"pairs": Pairs, "cma": Evolution}
 
 
 def make_search(config: SearchConfig, size: int, seed: int) -> Search:
-    """A search among `size` numbers, at its beginning."""
+    """Create a search for `size` parameters, in its initial state."""
     return METHODS[config.method](config, size, seed)

@@ -1,4 +1,4 @@
-"""Settings of `train.residual`, and those that have a name: what is learned where, from what, and how long."""
+"""Settings of `train.residual` and its presets: environment, reward, learner and schedule."""
 
 from dataclasses import dataclass, field, replace
 
@@ -14,7 +14,7 @@ from train.lib.rewards import RewardConfig
 
 @dataclass(frozen=True)
 class Args(Recipe):
-    """Learn what to add to a controller."""
+    """Train a policy by PPO or SAC, usually as a residual on a controller."""
 
     env: EnvConfig
     reward: RewardConfig = field(default_factory=lambda: RewardConfig("pose"))
@@ -22,8 +22,8 @@ class Args(Recipe):
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     start: str = ""
-    """Artifact whose network it begins as, and with which it is compared, {seed} standing for the run's; none: it
-    begins as what adds nothing."""
+    """Artifact that initialises the network and is the base of the comparison; {seed} is replaced by the run's seed.
+    If empty, the initial action is zero."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -32,11 +32,11 @@ class Args(Recipe):
 
 
 MOMENTUM = ("leg_momentum", "leg_momentum_rate")
-"""What of the joints' motion turns the torso: six numbers, so that a gradient is not lost in the noise of two hundred
-others."""
+"""Entries of the observation that describe how joint motion turns the torso: only six, since with all two hundred the
+gradient's signal is lost in noise."""
 FLIGHT_REWARD = RewardConfig(
     "pose",
-    # Velocities respond within two or three ticks, the pose after ten or twenty: with them a short horizon is enough.
+    # Velocities respond within two or three ticks, the pose after ten to twenty. Rewarding them allows a short horizon.
     velocity=0.03,
     rate=0.06,
     reward_shift=0.5,
@@ -48,13 +48,13 @@ FLIGHT_LEARNER = LearnerConfig(
     gamma=0.88,
     lr=1e-3,
     lr_end=1e-4,
-    # Small batches: the critic needs many steps before its advantages mean anything.
+    # Small batches: the critic needs many optimiser steps before its advantages are informative.
     batch_size=504,
     critic_first=8064,
     average=0.8,
     ppo=PPOConfig(n_steps=336, target_kl=0.03),
 )
-"""PPO in flight, whatever it adds to."""
+"""Learner of PPO in flight, for every base controller."""
 FLIGHT_SCHEDULE = ScheduleConfig(segment=48_384, envs=24)
 """Schedule of PPO in flight."""
 FLIGHT_ENV = EnvConfig(
@@ -63,15 +63,15 @@ FLIGHT_ENV = EnvConfig(
     "paper",
     "residual_wrench",
     sees=MOMENTUM,
-    # At 40 Hz most of the noise is lost in the rotors and servos; at 20 Hz less.
+    # Rotors and servos filter out most of the exploration noise at 40 Hz, but less at 20 Hz.
     hold=2,
     washout=1.0,
 )
-"""Flights of PPO."""
+"""Environment of PPO in flight."""
 DIRECT_TRACKS = tuple(name for name, track in TRACKS.items() if track.env_id == HOVER)
-"""All flights of Hover-v0: a network without a controller is one for every track."""
+"""All tracks of Hover-v0: a policy without a controller is trained for all of them at once."""
 JOINTS = tuple(range(3 * N_ROTORS, torso.ACTION))
-"""Entries with which a network would lead joints off their form: they go there by themselves; shaking tells nothing."""
+"""Entries of the action that move joint targets off their form; they stay 0, as exploring them teaches nothing."""
 PRESETS: dict[str, Args] = {
     "hover-paper-ppo": Args(
         "ppo_paper",
@@ -84,7 +84,7 @@ PRESETS: dict[str, Args] = {
     "hover-tuned-ppo": Args(
         "ppo_tuned",
         "PPO: a residual torque with washout on `tuned`.",
-        # Forces stay still: what is left of the position's error is too small to be found in the noise of three more.
+        # Forces stay 0: the remaining position error is too small to be found in the noise of three more entries.
         replace(FLIGHT_ENV, base="tuned", still=(0, 1, 2)),
         replace(FLIGHT_REWARD, position=0.003, attitude=0.004, velocity=0.0),
         replace(FLIGHT_LEARNER, average=0.9),
@@ -106,7 +106,7 @@ PRESETS: dict[str, Args] = {
             "robust_overlapped",
             "residual_gait_force",
             sees=("phase", "phase_time", "share", "steps_left", "goal_position", "goal_heading"),
-            still=(2,),  # the stride: what it adds to the path is missing at the goal
+            still=(2,),  # the stride: a change of the stride causes an error at the goal
             hold=10,
         ),
         RewardConfig("economy", reward_scale=10.0),
@@ -142,12 +142,12 @@ PRESETS: dict[str, Args] = {
             attitude=0.03,
             velocity=0.1,
             rate=0.25,
-            # Wide terms beside the narrow ones: from nothing, errors are far beyond those.
+            # Wide terms in addition: the errors of an untrained network are far beyond the narrow ones.
             far_position=0.15,
             far_attitude=0.15,
             joint=0.1,
             penalty=0.0,
-            # Nothing below 0: from nothing, whoever loses by flying on learns to fall.
+            # No negative rewards: an untrained policy that loses reward by flying on learns to fall.
             reward_scale=0.1,
         ),
         learner=LearnerConfig(
@@ -155,7 +155,7 @@ PRESETS: dict[str, Args] = {
             skip=True,
             symmetric=True,
             enlarged=12.0,
-            # 2 N at first, enough to learn from falls; 0.3 N in the end, for millimetres are lost in more.
+            # Exploration of 2 N initially, enough to learn from falls; 0.3 N at the end, as more hides millimetres.
             action_scale=0.2,
             log_std=0.0,
             log_std_end=-2.0,
@@ -174,7 +174,7 @@ PRESETS: dict[str, Args] = {
         "distilled_ppo",
         "PPO: the network of `distilled`, improved on all flights.",
         EnvConfig(HOVER, DIRECT_TRACKS, "tuned", "direct", still=JOINTS, torso=True, trace_times=(0.2, 1.0, 5.0, 30.0)),
-        # Each error in units of what is left of it, and an exploration that is not much larger.
+        # Each error is scaled by its remaining size; the exploration is not much larger.
         RewardConfig(
             "pose", position=0.003, attitude=0.003, velocity=0.01, rate=0.02, apart=True, penalty=0.0, reward_scale=0.2
         ),
@@ -183,13 +183,13 @@ PRESETS: dict[str, Args] = {
             skip=True,
             symmetric=True,
             last_layer=True,
-            # 0.3 N: about what is left of the errors.
+            # 0.3 N: about the size of the remaining errors.
             action_scale=0.03,
             log_std=0.0,
             log_std_end=0.0,
             lr=1.5e-4,
             lr_end=1.5e-5,
-            # A torque is seen within ten ticks; later, what it gained is lost in the noise of what else is tried.
+            # A torque takes effect within ten ticks; later its gain is lost in the noise of the other actions explored.
             gamma=0.92,
             batch_size=7168,
             critic_first=143_360,

@@ -1,6 +1,6 @@
-"""A network that is taught: how it learns, what it learns from, and all of it as arrays to go on from later.
+"""Network of imitation learning: its optimisation, its buffer of lessons, and its state as arrays for checkpoints.
 
-Torch is loaded where a student is made, so that `--help` works without it.
+Torch is imported when a student is created, so that `--help` works without it.
 """
 
 import copy
@@ -22,34 +22,35 @@ if TYPE_CHECKING:
     from train.lib.taught import Lessons
 
 FORCE, NET_FORCE, NET_TORQUE = 2.0, 0.5, 0.1
-"""Errors that count the same: of a rotor's force [N], the total force [N] and torque [Nm].
+"""Units of the loss, errors that count alike: of a rotor's force [N], the total force [N] and the total torque [Nm].
 
-The joints go to their form by themselves: learned, changes of 5 mrad in a tick never became exact enough to reach it.
+The joint outputs are not learned; joints move to their form automatically. Learned changes of 5 mrad per tick were not
+accurate enough to reach the form.
 """
 REMEMBERED = (("momentum_buffer",), ("step", "exp_avg", "exp_avg_sq"))
-"""What the two optimisers, Muon and Adam, remember of a parameter."""
+"""State of the two optimisers, Muon and Adam, for a parameter."""
 
 
 @dataclass(frozen=True)
 class StudyConfig:
-    """The network, and how it learns."""
+    """Network and optimisation."""
 
     hidden: int = 64
     """Width of the two hidden layers."""
     lr: float = 2e-3
-    """Learning rate at the beginning; it falls to a fiftieth along a cosine."""
+    """Initial learning rate; it falls to a fiftieth along a cosine."""
     batch: int = 1024
-    """Lessons in a step of the optimiser."""
+    """Samples in an optimiser step."""
     first_updates: int = 1500
-    """Steps of the optimiser on what the controller alone has flown."""
+    """Optimiser steps on the controller's own flights, before the first round."""
     updates: int = 120
-    """Steps of the optimiser a round."""
+    """Optimiser steps per round."""
     room: int = 1_000_000
-    """Lessons that are kept; the oldest make room."""
+    """Size of the buffer [samples]; the oldest are overwritten."""
     average: int = 500
-    """Steps over which the weights are averaged."""
+    """Optimiser steps over which the weights are averaged."""
     symmetric: bool = True
-    """Turned by 90° the robot is the same again, so the network is, too."""
+    """Whether the network is equivariant to 90° rotations of the robot."""
 
     def __post_init__(self) -> None:
         require_least(1, hidden=self.hidden, batch=self.batch, updates=self.updates, room=self.room)
@@ -60,16 +61,16 @@ class StudyConfig:
 
 
 class Shelf:
-    """Lessons that are kept, the oldest overwritten."""
+    """Ring buffer of lessons."""
 
     def __init__(self, room: int, first: "Lessons") -> None:
-        """Make room, and put the first ones there."""
+        """Allocate the buffer and add the first lessons."""
         self._columns = [np.zeros((room, *column.shape[1:]), np.float32) for column in _columns(first)]
         self._next, self.count = 0, 0
         self.add(first)
 
     def add(self, lessons: "Lessons") -> None:
-        """Put more there."""
+        """Add lessons, overwriting the oldest if the buffer is full."""
         room, rows = len(self._columns[0]), len(lessons.weights)
         ids = (self._next + np.arange(rows)) % room
         for column, new in zip(self._columns, _columns(lessons), strict=True):
@@ -77,7 +78,7 @@ class Shelf:
         self._next, self.count = int((self._next + rows) % room), min(room, self.count + rows)
 
     def draw(self, rng: np.random.Generator, count: int) -> list["torch.Tensor"]:
-        """Some of them: inputs, answers, levers, weights."""
+        """Sample lessons with replacement: inputs, answers, levers, weights."""
         import torch
 
         ids = rng.integers(0, self.count, count)
@@ -89,10 +90,10 @@ def _columns(lessons: "Lessons") -> tuple[np.ndarray, ...]:
 
 
 def loss_of(said: "torch.Tensor", answers: "torch.Tensor", levers: "torch.Tensor", weights: "torch.Tensor") -> Any:  # noqa: ANN401 - torch's
-    """What a network is taught by: errors of forces and of the total wrench, each in its unit.
+    """Compute the loss: errors of the rotors' forces and of the total wrench, each in its unit.
 
-    The wrench counts by itself, since a robot feels nothing else: errors of the forces that cancel each other cost
-    thrust, those that add up move it. Far off it grows linearly, so that rare large errors do not outweigh all others.
+    The wrench has its own term because only the wrench moves the robot; force errors that cancel each other cost only
+    thrust. The loss grows linearly for large errors, so that rare large errors do not outweigh all others.
     """
     import torch
 
@@ -107,16 +108,16 @@ def loss_of(said: "torch.Tensor", answers: "torch.Tensor", levers: "torch.Tensor
 
 
 class Student:
-    """The network, its optimisers, and the average of its weights, with which it flies."""
+    """Network, its optimisers, and its averaged weights, which are used for flying."""
 
     def __init__(self, config: StudyConfig, scaling: Scaling, answer: np.ndarray, updates: int) -> None:
-        """Begin at one answer.
+        """Create a network with a constant initial output.
 
         Args:
             config: Network and optimiser.
-            scaling: Of the inputs, as `scaling_for` gives it.
-            answer: What the teacher said at first, on average, (40,).
-            updates: Steps of the optimiser in all.
+            scaling: Scaling of the inputs, from `scaling_for`.
+            answer: Initial output, the mean of the teacher's first answers, (40,).
+            updates: Total number of optimiser steps.
         """
         import torch
         from torch import nn
@@ -136,7 +137,7 @@ class Student:
         with torch.no_grad():
             skip.weight.zero_()
             nn.init.normal_(last.weight, std=0.01)
-            last.weight[3 * N_ROTORS :] = 0.0  # and nothing teaches them else
+            last.weight[3 * N_ROTORS :] = 0.0  # joint outputs stay 0: the loss does not include them
             last.bias.copy_(torch.from_numpy(answer))
         self._tie_again: list[Callable[[], None]] = []
         if config.symmetric:
@@ -145,7 +146,7 @@ class Student:
             self._tie_again.append(tie(skip.weight, torso.SAID_TURN, turn))
         matrices = [layer.weight for layer in (*hidden, last)]
         rest = [p for p in self.network.parameters() if all(p is not m for m in matrices)]
-        # Steps of equal size in all directions of a matrix (Jordan et al. 2024): rare directions are learned, too.
+        # Muon (Jordan et al. 2024) takes steps of equal size in all directions of a matrix; rare ones are learned, too.
         self._optimizers = [
             torch.optim.Muon(matrices, lr=config.lr, weight_decay=0.0, adjust_lr_fn="match_rms_adamw"),
             torch.optim.Adam(rest, lr=config.lr),
@@ -160,7 +161,7 @@ class Student:
         return last(torch.relu(second(torch.relu(first(x))))) + skip(x)
 
     def learn(self, lessons: list["torch.Tensor"]) -> float:
-        """A step of the optimiser; the loss before it."""
+        """Take an optimiser step; return the loss before it."""
         import torch
 
         config = self._config
@@ -185,7 +186,7 @@ class Student:
         return loss.item()
 
     def frozen(self) -> Callable[[np.ndarray], np.ndarray]:
-        """The averaged network as it is now: inputs → what it says."""
+        """Return a copy of the averaged network as a function: inputs → outputs."""
         import torch
 
         layers = copy.deepcopy(self.average)
@@ -197,7 +198,7 @@ class Student:
         return say
 
     def _tensors(self) -> "Iterator[tuple[str, torch.Tensor]]":
-        """All that changes as it learns, by name; what an optimiser remembers of nothing is zeros."""
+        """Yield all tensors that training changes, by name; missing optimiser states are initialised to zeros."""
         import torch
 
         for name, layers in (("network", self.network), ("average", self.average)):
@@ -211,11 +212,11 @@ class Student:
                     yield f"{type(optimizer).__name__}/{k}/{name}", memory[name]
 
     def save(self) -> dict[str, Any]:
-        """Network, average and optimisers, as arrays by name, and how many steps they have done."""
+        """Return network, average and optimisers as arrays by name, and the number of steps done."""
         return {name: tensor.detach().numpy().copy() for name, tensor in self._tensors()} | {"done": self.done}
 
     def restore(self, saved: Mapping[str, Any]) -> None:
-        """Become what `save` gave, of a student of the same settings."""
+        """Restore a state from `save` of a student with the same settings."""
         import torch
 
         with torch.no_grad():
@@ -225,12 +226,12 @@ class Student:
 
 
 def shown_turn(inputs: int) -> torso.Turn:
-    """The turn by 90° of what a network with so many inputs sees."""
+    """Return the effect of a 90° rotation on the inputs of a network with this number of inputs."""
     return torso.shown_turn(inputs - torso.FEATURES)
 
 
 def scaling_for(config: StudyConfig, lessons: "Lessons") -> Scaling:
-    """How inputs enter the network, by what the teacher's flights showed; the same for all legs if it is symmetric."""
+    """Compute the input scaling from the teacher's flights; equal for all legs if the network is symmetric."""
     bound = np.maximum(np.abs(lessons.inputs).max(axis=0), 1.0)
     found = scaling_of(lessons.inputs, bound)
     return found.alike(shown_turn(len(found.mean))) if config.symmetric else found

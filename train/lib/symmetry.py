@@ -1,6 +1,6 @@
-"""Networks that do with what is turned by 90° what they do, turned: the robot's four legs are alike. It loads torch.
+"""Networks equivariant to 90° rotations of the robot, whose four legs are identical. This module imports torch.
 
-A network of whose weights four and four are the same learns from one flight what it would from four.
+The weights are shared in groups of four, so one flight trains the network as much as four rotated ones would.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,15 +14,18 @@ from spidar_gym.robot import N_LEGS
 
 
 def tie_layers(layers: Sequence[nn.Linear], shown: Turn, said: Turn) -> list[Callable[[], None]]:
-    """Make a network symmetric, now and as long as only gradients change it; calls that do it again, see `tie`.
+    """Make a network equivariant, and keep it so under gradient updates.
 
-    The units of a hidden layer are four groups that take turns. The last bias is free: the torso carries a flight
-    controller and a computer beside its axis, which is a constant torque.
+    A rotation by 90° permutes the four groups of units of each hidden layer. The last bias is not tied: the flight
+    controller and the computer are mounted off the torso's axis, which causes a constant torque.
 
     Args:
-        layers: From what is shown to what is said; a layer that sees what is shown again has it behind its units.
-        shown: The turn of what is shown.
-        said: That of what is said.
+        layers: Layers from input to output. A layer with a skip connection has the network's input after its units.
+        shown: Effect of the rotation on the input.
+        said: Effect of the rotation on the output.
+
+    Returns:
+        Functions that tie the parameters again, one for each parameter; see `tie`.
     """
     before, again = shown, []
     for layer in layers:
@@ -38,11 +41,11 @@ def tie_layers(layers: Sequence[nn.Linear], shown: Turn, said: Turn) -> list[Cal
 
 
 def tie(parameter: torch.Tensor, *turns: Turn) -> Callable[[], None]:
-    """Make a parameter, and its gradients from now on, the same whichever way its axes are turned.
+    """Make a parameter, and all later gradients of it, invariant to rotations of its axes.
 
     Returns:
-        A call that makes the parameter the same again, for after steps that round: Muon works with eight bits of every
-        number, on some processors.
+        A function that ties the parameter again after optimiser steps with rounding errors: Muon keeps only eight
+        significant bits of each number on some processors.
     """
     places = np.ix_(*(turn.places for turn in turns))
     flat = torch.from_numpy(np.arange(parameter.numel()).reshape(parameter.shape)[places])
@@ -57,7 +60,7 @@ def tie(parameter: torch.Tensor, *turns: Turn) -> Callable[[], None]:
         return total / N_LEGS
 
     with torch.no_grad():
-        # Of independent weights, the mean of four is half as large as each.
+        # The mean of four independent weights has half the standard deviation of each; the factor 2 restores it.
         parameter.copy_(alike(parameter) * (2.0 if parameter.dim() == 2 else 1.0))
     parameter.register_hook(alike)
 

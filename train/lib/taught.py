@@ -1,7 +1,7 @@
-"""Robots that fly as a network says while a controller tells what it would command: what imitation learns from.
+"""Flights for imitation learning: a network flies the robots, and a controller computes the commands to imitate.
 
-Where a robot is lost, the controller leads it until it is well again, so that most of what is seen is what a good
-network will see, and the rest is how one gets out of trouble.
+If the errors of a robot become large, the controller flies it until they are small again. So most recorded states are
+those that a good network reaches, and the rest show how to recover.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,35 +22,35 @@ from train.lib.run import MOST_BYTES, CheckpointError
 from train.lib.vector import draw_disturbances, make_vector
 
 INTEGRALS = torso.entries("position_integral", "attitude_integral")
-"""Entries that stay what they were when an episode began, where no controller integrates."""
+"""Entries of the observation kept at their values at reset, as no controller integrates in a `direct` flight."""
 LOST, FINE = (0.05, 0.06), (0.02, 0.025)
-"""Errors [m], [rad] of which one makes a robot lost, and below which both are when it is well again."""
+"""Errors [m], [rad]: the controller takes over if either exceeds `LOST`, until both are below `FINE`."""
 DEMAND = (0.1, 0.1)
-"""A lesson at errors of this size [m], [rad] counts half of one at none."""
+"""Errors [m], [rad]: a sample at either of them has half the weight of a sample without errors."""
 LESSONS = "lessons.json"
-"""Part of a file of lessons that holds what is no array."""
+"""Entry of a file of lessons that holds everything except arrays."""
 
 
 @dataclass(frozen=True)
 class Lessons:
-    """What the controller would have said; a row of each array for every robot and tick."""
+    """Training samples of imitation; each array has a row for every robot and tick."""
 
     inputs: np.ndarray
-    """What the network saw: features and traces, (rows, inputs)."""
+    """Inputs of the network: features and traces, (rows, inputs)."""
     answers: np.ndarray
-    """What it would have had to say, (rows, 40)."""
+    """Outputs that correspond to the controller's commands, (rows, 40)."""
     levers: np.ndarray
-    """Rotor centres seen from the CoG, torso axes (rows, 8, 3) [m]."""
+    """Rotor centres relative to the CoG, torso axes, (rows, 8, 3) [m]."""
     weights: np.ndarray
-    """How much they count, (rows,)."""
+    """Weights of the samples, (rows,)."""
 
     def write(self, path: Path) -> None:
-        """Write them, all or nothing."""
+        """Write the lessons to a file, atomically."""
         write_bytes(path, pack(LESSONS, {"rows": len(self.weights)}, vars(self), sealed=True))
 
     @classmethod
     def read(cls, path: Path, inputs: int, rows: int) -> "Lessons":
-        """Those of a file (`CheckpointError` for one that `write` did not write, or with other shapes)."""
+        """Read the lessons of a file (`CheckpointError` if it is damaged or has other shapes)."""
         shapes = {
             "inputs": (rows, inputs),
             "answers": (rows, torso.ACTION),
@@ -70,16 +70,16 @@ class Lessons:
 
 
 class TaughtFlights:
-    """The robots of several tracks, each with an adviser."""
+    """Robots of several tracks; for each of them the controller computes its own command, the advice."""
 
     def __init__(self, tracks: Sequence[str], preset: str, robots: int, seed: int, times: Sequence[float]) -> None:
-        """Let them begin.
+        """Create and reset the robots.
 
         Args:
-            tracks: Tracks whose kinds of flights they fly; what scenarios of a track vary is drawn, wind included.
-            preset: The controller that advises.
-            robots: How many on each track.
-            seed: Seed of their episodes.
+            tracks: Tracks that define the flights; everything that their scenarios vary is randomised, wind included.
+            preset: Preset of the advising controller.
+            robots: Number of robots on each track.
+            seed: Seed of the episodes.
             times: Time constants of the traces of `ERRORS` [s].
         """
         self._rng = np.random.Generator(np.random.PCG64(seed))
@@ -87,16 +87,16 @@ class TaughtFlights:
         self._vectors = [make_vector(t, {"action_mode": "direct", "preset": preset}, robots) for t in tracks]
         self._places = [slice(k * robots, (k + 1) * robots) for k in range(len(tracks))]
         self.count = robots * len(tracks)
-        """How many robots."""
+        """Number of robots."""
         self._traces = Traces(torso.entries(*ERRORS), np.array(times))
         self._traces.reset(self.count)
         self._joints = torso.Joints()
         self._joints.reset(self.count)
         self._integrals = np.zeros((self.count, len(INTEGRALS)))
         self.led = np.zeros(self.count, bool)
-        """Whom the controller leads."""
+        """Mask of the robots that the controller flies."""
         self.ticks = 0
-        """Ticks of all robots together."""
+        """Control ticks flown, summed over all robots."""
         self._advised = np.zeros((self.count, torso.ACTION))
         for k, vector in enumerate(self._vectors):
             vector.fleet.ask_advice()
@@ -104,7 +104,7 @@ class TaughtFlights:
         self._seen = self._look()
 
     def _begin(self, k: int, mask: np.ndarray) -> None:
-        """Let some robots of a track begin an episode."""
+        """Reset some robots of a track."""
         track, vector = self._tracks[k], self._vectors[k]
         options: dict[str, object] = {"reset_mask": mask}
         if find_track(track).disturbances:
@@ -117,7 +117,7 @@ class TaughtFlights:
         self.led[ids] = False
 
     def _look(self) -> np.ndarray:
-        """What all robots see, traces behind it; their integrals are those of a flight that nobody advises."""
+        """Return the observations of all robots, followed by the traces; the integrals are those at reset."""
         seen = np.concatenate([vector.buffers["observations"] for vector in self._vectors])
         seen[:, INTEGRALS] = self._integrals
         return self._traces(self._joints(seen))
@@ -126,13 +126,13 @@ class TaughtFlights:
         return np.concatenate([get(vector.robots) for vector in self._vectors])
 
     def fly(self, say: Callable[[np.ndarray], np.ndarray] | None, ticks: int, rng: np.random.Generator) -> Lessons:
-        """Fly, and return what there was to learn.
+        """Fly all robots and record the lessons.
 
         Args:
-            say: Inputs (robots, inputs) → what the network says (robots, 40). Without one the controller leads, but for
-                every tenth tick of a robot, in which it does what was advised a tick before, disturbed.
-            ticks: How long.
-            rng: What those disturbances are drawn with.
+            say: The network: inputs (robots, inputs) → outputs (robots, 40). If None, the controller flies; with a
+                probability of 0.1 per robot and tick, its previous command with added noise is flown instead.
+            ticks: Number of control ticks.
+            rng: Generator of this noise.
         """
         found = [self._tick(say, rng) for _ in range(ticks)]
         columns = (np.concatenate(column) for column in zip(*found, strict=True))
@@ -170,7 +170,7 @@ class TaughtFlights:
         return inputs, answers, levers, weights
 
     def save(self) -> dict[str, Any]:
-        """All robots, and what is remembered of them, as arrays by name, and how many ticks they flew."""
+        """Return the state of all robots and their filters as arrays by name, and the number of ticks flown."""
         robots = {f"robots/{k}": np.frombuffer(vector.save(), np.uint8) for k, vector in enumerate(self._vectors)}
         return robots | {
             "rng": generator_words(self._rng), "low_passed": self._traces.low_passed, "joints": self._joints.position,
@@ -179,7 +179,7 @@ class TaughtFlights:
         }  # fmt: skip
 
     def restore(self, saved: Mapping[str, Any]) -> None:
-        """Go on from what `save` gave, of flights of the same settings, with the same bits."""
+        """Restore a state from `save` of flights with the same settings; the continuation is identical bit for bit."""
         for k, vector in enumerate(self._vectors):
             vector.restore(saved[f"robots/{k}"].tobytes())
         set_generator(self._rng, saved["rng"])
@@ -188,6 +188,6 @@ class TaughtFlights:
         self._advised, self._seen, self.ticks = saved["advised"].copy(), saved["seen"].copy(), int(saved["ticks"])
 
     def close(self) -> None:
-        """Let the engines go."""
+        """Close the engines."""
         for vector in self._vectors:
             vector.close()

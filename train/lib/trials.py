@@ -1,4 +1,4 @@
-"""Learning by trials: numbers that a search tries on episodes, the same for all trials of a generation."""
+"""Gradient-free learning: a search tries parameters on episodes, the same for all trials of a generation."""
 
 import time
 import zlib
@@ -23,17 +23,17 @@ from train.lib.search import SearchConfig, make_search
 from train.lib.stages import Stages
 
 Piece = tuple[np.ndarray, str, list[Scenario]]
-"""Numbers, a track, and scenarios of it that they are tried on."""
+"""Parameters, a track, and the scenarios of the track to evaluate them on."""
 
 
 @dataclass(frozen=True)
 class EvaluationConfig:
-    """How often, and on what, the numbers are compared with what they begin as."""
+    """Validation of the parameters against their initial values."""
 
     scenarios: int = 12
-    """Validation scenarios of each track."""
+    """Number of validation scenarios of each track."""
     validations: int = 6
-    """How often it is evaluated."""
+    """Number of validations, evenly spaced over the generations."""
 
     def __post_init__(self) -> None:
         require_least(1, scenarios=self.scenarios, validations=self.validations)
@@ -41,11 +41,11 @@ class EvaluationConfig:
 
 @dataclass(frozen=True)
 class TrialRecipe(TrackRecipe):
-    """What the settings of a recipe that learns by trials have."""
+    """Settings common to recipes of gradient-free learning."""
 
     _: KW_ONLY
     workers: int = cpu_count()
-    """Processes that play."""
+    """Number of processes that run episodes."""
     search: SearchConfig = field(default_factory=SearchConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
 
@@ -56,28 +56,28 @@ class TrialRecipe(TrackRecipe):
 
 @dataclass(frozen=True)
 class Task:
-    """What is learned by trials."""
+    """Definition of a learning task."""
 
     env_id: str
-    """Environment."""
+    """Environment id."""
     size: int
-    """How many numbers, all 0 at the beginning."""
+    """Number of parameters, all initially 0."""
     episodes: int
-    """Episodes of a trial on each track."""
+    """Number of episodes of a trial on each track."""
     unit: str
-    """What an episode is called, more than one."""
+    """Plural noun for the episodes."""
     base: Policy
-    """What zeros are."""
+    """Policy that parameters of zero correspond to."""
     scaling: Scaling
-    """How observations enter the network."""
+    """Scaling of the observations."""
     artifact: Callable[[np.ndarray, State], Artifact]
-    """Numbers as the benchmark's artifact."""
+    """Builds the artifact of parameters."""
     cost: Callable[[Piece], tuple[float, int]]
-    """Mean cost of numbers on scenarios, and the ticks that it took; in any process."""
+    """Returns the mean cost of parameters on scenarios and the control ticks simulated; can run in any process."""
 
 
 def draw_scenarios(args: TrialRecipe, generation: int, episodes: int) -> list[tuple[str, list[Scenario]]]:
-    """The episodes of a generation, the same for all its trials: scenarios of each track, of no split."""
+    """Sample the episodes of a generation, the same for all its trials: scenarios of each track, of no split."""
     found = []
     for name in args.tracks:
         seeds = [training_seed(args.seed, 6, generation, zlib.crc32(name.encode()), k) for k in range(episodes)]
@@ -87,12 +87,12 @@ def draw_scenarios(args: TrialRecipe, generation: int, episodes: int) -> list[tu
 
 
 def learn_by_trials(args: TrialRecipe, task: Task) -> Path:
-    """One run, from its beginning or from where it was interrupted; the path of its artifact."""
+    """Start or resume a run; return the path of its artifact."""
     require_frameworks()
     run = Run.of(args, task.env_id, args.arguments)
     state = run.load() or State()
     with (
-        kept(lambda: f"{state.learner.get('ticks', 0)} ticks kept in {run.folder}; the same command goes on"),
+        kept(lambda: f"{state.learner.get('ticks', 0)} ticks kept in {run.folder}; the same command resumes"),
         Pool(args.workers) as pool,
         Stages(f"{args.name} seed {args.seed}", state.parts) as stages,
     ):
@@ -100,9 +100,9 @@ def learn_by_trials(args: TrialRecipe, task: Task) -> Path:
 
 
 def _learn(args: TrialRecipe, task: Task, run: Run, state: State, pool: Pool, stages: Stages) -> Path:
-    """Learn from a state on; the path of the artifact."""
+    """Continue the run from a state; return the path of the artifact."""
     config, evaluation, size, artifact = args.search, args.evaluation, task.size, task.artifact
-    stages.begin("playing the base", len(args.tracks) * evaluation.scenarios, "scenario", "validation")
+    stages.begin("evaluating the base", len(args.tracks) * evaluation.scenarios, "scenario", "validation")
     evaluator = PairedEvaluator(
         args.tracks, task.base, evaluation.scenarios, control=args.control, on_scenario=stages.count, each=pool.map,
     )  # fmt: skip
@@ -133,7 +133,7 @@ def _learn(args: TrialRecipe, task: Task, run: Run, state: State, pool: Pool, st
         stages.count()
         verdict = None
         if (generation + 1) * evaluation.validations >= config.generations * (state.segment + 1):
-            stages.say("playing against the base", "validation")
+            stages.say("comparing with the base", "validation")
             verdict = evaluator.evaluate(artifact(search.mean, state))
             stages.evaluated(verdict)
             if verdict.admissible and verdict.score < state.best_score:
@@ -145,8 +145,8 @@ def _learn(args: TrialRecipe, task: Task, run: Run, state: State, pool: Pool, st
             state.curve.append(curve_line(learner["ticks"], state.seconds, verdict))
         run.save(state)
     if not state.best_steps:
-        # All of it made something worse at every validation; perhaps less of it does not.
-        stages.say("playing less of it against the base", "validation")
+        # No validation was admissible and better: try fractions of the learned parameters.
+        stages.say("comparing a fraction with the base", "validation")
         verdict, fraction = evaluator.largest_fraction(lambda fraction: artifact(fraction * search.mean, state))
         if verdict.admissible and verdict.score < 0.0:
             choose(verdict, fraction * search.mean)

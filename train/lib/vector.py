@@ -1,6 +1,6 @@
-"""Robots to learn on, in the engine: scaled observations, a training reward, held and washed out actions.
+"""Vector environment for training: scaled observations, a training reward, held actions and washout.
 
-It loads Stable-Baselines3, so it is imported where a run begins and not for help.
+This module imports Stable-Baselines3. Recipes import it when a run starts, so that `--help` works without it.
 """
 
 import time
@@ -24,11 +24,11 @@ from train.lib.envs import EnvConfig, Scaling, scaling_of, training_seed
 from train.lib.rewards import RewardConfig, Tick
 
 FARTHEST = 3.0
-"""Largest number that is said in the torso's axes: 30 N, or 0.3 rad."""
+"""Bound of the action in torso axes: 30 N, or 0.3 rad."""
 
 
 def make_vector(track: str, arguments: Mapping[str, Any], robots: int, threads: int = 1) -> NativeVectorEnv:
-    """Robots of a track's kind, which draw their episodes from their seeds; what scenarios vary is drawn too."""
+    """Make a vector of robots with the options of a track; their seeds determine everything that scenarios vary."""
     kind = find_track(track)
     own = {"perturbation": OFFSET} if kind.flies else {}
     return NativeVectorEnv(
@@ -38,13 +38,13 @@ def make_vector(track: str, arguments: Mapping[str, Any], robots: int, threads: 
 
 
 def draw_disturbances(track: str, rng: np.random.Generator, robots: int) -> list[dict[str, float]]:
-    """Wind and pushes of robots of a track's kind: none, where its scenarios have none."""
+    """Sample the disturbances (wind, pushes) of robots on a track; empty if its scenarios have none."""
     drawn = {name: rng.uniform(*limits, robots) for name, limits in find_track(track).disturbances.items()}
     return [{name: float(values[k]) for name, values in drawn.items()} for k in range(robots)]
 
 
 class _Group:
-    """The robots of one track, what is shown of them, and what is rewarded."""
+    """The robots of one track, with their observations and rewards."""
 
     def __init__(
         self, config: EnvConfig, reward: RewardConfig, track: str, places: np.ndarray, threads: int
@@ -62,7 +62,7 @@ class _Group:
         self._before: dict[str, np.ndarray] = {}
 
     def reset(self, ids: np.ndarray, seeds: Sequence[int | None] | None = None) -> np.ndarray:
-        """Let some begin an episode; what is shown of them."""
+        """Reset the robots `ids`; return their observations."""
         mask = np.isin(np.arange(self.vector.num_envs), ids)
         options: dict[str, object] = {"reset_mask": mask}
         if seeds is not None and None not in seeds:
@@ -78,7 +78,7 @@ class _Group:
         return self._shown(self._traces.begin(ids, self._joints.begin(ids, seen) if self._torso else seen))
 
     def look(self) -> np.ndarray:
-        """What is shown of all after a step; once a step, for the traces go on."""
+        """Return the observations of all robots after a step; call it once per step, as it updates the traces."""
         seen = self.vector.buffers["observations"]
         return self._shown(self._traces(self._joints(seen) if self._torso else seen))
 
@@ -89,11 +89,11 @@ class _Group:
         return np.concatenate([torso.features(observations), traces], axis=1)
 
     def step(self, said: np.ndarray, hold: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As long as actions are held, or the episode goes on: rewards, who is done, whose time alone is up."""
+        """Hold the actions for `hold` ticks or until the episode ends; return rewards, done and truncated flags."""
         vector, count = self.vector, self.vector.num_envs
         seen = np.concatenate([vector.buffers["observations"], self._joints.position], axis=1) if self._torso else None
         actions = said if seen is None else torso.command(said, seen)
-        change = np.nan_to_num(np.sqrt(np.square(said - self._said).mean(axis=1)))  # the first of an episode is none
+        change = np.nan_to_num(np.sqrt(np.square(said - self._said).mean(axis=1)))  # 0 in the first step of an episode
         self._said = said.copy()
         total, done, late = np.zeros(count), np.zeros(count, bool), np.zeros(count, bool)
         for _ in range(hold):
@@ -114,7 +114,7 @@ class _Group:
         return total, done, late
 
     def _now(self) -> dict[str, np.ndarray]:
-        """What is told of the robots, and of what else rewards are made."""
+        """Return the robots' `info` and the further quantities that rewards need."""
         robots = self.vector.robots
         now = told(self.vector.buffers["infos"].copy())
         if "finished" in now:
@@ -127,12 +127,12 @@ class _Group:
 
     @property
     def succeeded(self) -> np.ndarray:
-        """Whose episode is a success."""
+        """Mask of the robots whose episode is a success."""
         return self._before["is_success"]
 
 
 def _merged(before: Mapping[str, np.ndarray], now: Mapping[str, np.ndarray], ids: np.ndarray) -> dict[str, np.ndarray]:
-    """What is told now of some robots, and of the others what was before."""
+    """Return `before` with the entries of the robots `ids` replaced by those of `now`."""
     if len(ids) == len(next(iter(now.values()))):
         return dict(now)
     merged = {name: values.copy() for name, values in before.items()}
@@ -142,7 +142,7 @@ def _merged(before: Mapping[str, np.ndarray], now: Mapping[str, np.ndarray], ids
 
 
 class TrainingVec(VecEnv):
-    """Robots as learners see them; the tracks take turns. The next episode begins in the step in which one ends."""
+    """Stable-Baselines3 `VecEnv` over robots of all tracks in turn; an episode that ends is reset in the same step."""
 
     def __init__(
         self,
@@ -155,17 +155,17 @@ class TrainingVec(VecEnv):
         action_scale: float = 1.0,
         threads: int = 1,
     ) -> None:
-        """Make them.
+        """Create the robots.
 
         Args:
-            config: What an agent sees and does.
-            reward: What it is rewarded for.
-            robots: How many.
-            scaling: Scaling of the observations; none if None.
-            relative_errors: Errors of the base on each track over their means on all tracks, by which `reward` is
-                scaled, in flight position and attitude; 1 where a track has none.
-            action_scale: What a 1 of the learner is of an action.
-            threads: How many threads carry them.
+            config: Observation and action of the agent.
+            reward: Training reward.
+            robots: Number of robots.
+            scaling: Scaling of the observations; None leaves them unscaled.
+            relative_errors: Track → errors of the base, each divided by its mean over all tracks; they scale the error
+                units of `reward`, in flight those of position and attitude. 1 for tracks not listed.
+            action_scale: Environment action that corresponds to an action of 1 of the learner.
+            threads: Number of threads that simulate the robots of a track.
         """
         errors = relative_errors or {}
         self._hold, self._scaling, self._does = config.hold, scaling, action_scale * (1.0 - config.still_entries())
@@ -178,7 +178,7 @@ class TrainingVec(VecEnv):
                 scales = {name: unit * getattr(reward, name) for name, unit in units.items()}
                 self._groups.append(_Group(config, replace(reward, **scales), track, places, threads))
         self.vectors = [group.vector for group in self._groups]
-        """The robots of each track in the engine."""
+        """Engine vectors, one for each track."""
         first = self.vectors[0]
         space, does = first.single_observation_space, first.single_action_space
         if config.torso:
@@ -187,7 +187,7 @@ class TrainingVec(VecEnv):
         if action_scale != 1.0:
             does = _box(float(does.high[0]) / action_scale, len(does.high))
         self.raw_space = space
-        """Space of what is shown before it is scaled."""
+        """Observation space before scaling."""
         if scaling is not None:
             space = _box(scaling.clip, len(scaling.mean))
         self._began, self._returns, self._lengths = time.perf_counter(), np.zeros(robots), np.zeros(robots, int)
@@ -196,7 +196,7 @@ class TrainingVec(VecEnv):
         super().__init__(robots, space, does)
 
     def reset(self) -> np.ndarray:
-        """Begin an episode of every robot, with the seeds of `seed`, used once."""
+        """Reset every robot, with the seeds of `seed`, which are used once."""
         seen = self._nothing()
         for group in self._groups:
             seeds = [self._seeds[k] for k in group.places]
@@ -207,11 +207,11 @@ class TrainingVec(VecEnv):
         return seen
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Say what all robots are to do."""
+        """Store the actions of all robots."""
         self._actions = self._does * np.asarray(actions, np.float64)
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """As long as an action is held: observations, rewards, who is done, infos."""
+        """Step all robots while the actions are held; return observations, rewards, done flags and infos."""
         began = time.perf_counter()
         rewards, done = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -243,7 +243,7 @@ class TrainingVec(VecEnv):
         return seen, rewards.astype(np.float32), done, infos
 
     def spent(self) -> dict[str, float]:
-        """Wall time of the engine, and of all else here, since this was asked before [s]."""
+        """Return the wall time of the engine and of the rest of this class since the last call [s]."""
         engine = sum(vector.fleet.engine.seconds for vector in self.vectors)
         now = {"engine": engine, "environment": self._seconds - engine}
         found = {part: seconds - self._spent[part] for part, seconds in now.items()}
@@ -251,7 +251,7 @@ class TrainingVec(VecEnv):
         return found
 
     def _nothing(self) -> np.ndarray:
-        """Room for what all robots see."""
+        """Return an empty array for the observations of all robots."""
         return np.zeros((self.num_envs, *(self.observation_space.shape or ())), np.float32)
 
     def _scaled(self, observations: np.ndarray) -> np.ndarray:
@@ -263,41 +263,41 @@ class TrainingVec(VecEnv):
             group.vector.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: ANN401 - Stable-Baselines3's signature
-        """There are no pictures; what else there is, the robots have in common."""
+        """Return an attribute, which is the same for all robots; `render_mode` is None."""
         value = None if attr_name == "render_mode" else getattr(self._groups[0].vector, attr_name)
         return [value for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:  # noqa: ANN401 - as above
-        """Refused: robots of a vector are alike."""
+        """Raise `InvalidValueError`: the robots of a vector share their attributes."""
         raise InvalidValueError(attr_name, value, "another `TrainingVec`")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:  # noqa: ANN401 - SB3's signature
-        """Refused: there is no environment of each robot to be called."""
+        """Raise `InvalidValueError`: robots have no environments of their own."""
         raise InvalidValueError("env_method", method_name, "nothing: there is no environment of each robot")
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:  # noqa: ANN401 - SB3's signature
-        """Episodes are told of as `Monitor` does."""
+        """Return True for `Monitor`, whose episode entries `infos` contains."""
         from stable_baselines3.common.monitor import Monitor
 
         return [wrapper_class is Monitor for _ in self._get_indices(indices)]
 
 
 def _box(high: float, size: int) -> gymnasium.spaces.Box:
-    """Numbers within ± `high`."""
+    """Return a box of the given size with bounds ± `high`."""
     return gymnasium.spaces.Box(-high, high, (size,), np.float32)
 
 
 def baseline_scaling(
     config: EnvConfig, seed: int, ticks: int, spread: float = 0.0, on_tick: Callable[[], object] = lambda: None
 ) -> Scaling:
-    """Mean and variance of what the baseline sees, frozen from then on.
+    """Compute mean and variance of the baseline's observations.
 
     Args:
-        config: What an agent sees and does.
+        config: Observation and action of the agent.
         seed: Seed of the run.
-        ticks: How many of a robot of each track.
-        spread: Standard deviation of random actions; 0 is the baseline, which a learner from nothing does not have.
-        on_tick: Called after each, for progress.
+        ticks: Number of steps of one robot on each track.
+        spread: Standard deviation of random actions; 0 is the baseline. Used if there is no controller.
+        on_tick: Called after each step, for progress.
     """
     seen = []
     rng = np.random.Generator(np.random.PCG64(training_seed(seed, 7)))

@@ -68,12 +68,12 @@ def test_a_checkpoint_without_its_normaliser_is_refused(spoilt):
     [
         (lambda _, arrays: arrays.pop("learner/policy/log_std"), "lacks 'policy/log_std'"),
         (lambda _, arrays: arrays.update({"learner/more": np.zeros(3)}), "has 'more'"),
-        (lambda _, arrays: arrays["learner/policy.optimizer/0/exp_avg"].fill(np.nan), "not finite"),
+        (lambda _, arrays: arrays["learner/policy.optimizer/0/exp_avg"].fill(np.nan), "non-finite"),
         (lambda _, arrays: arrays.update({"learner/counters": np.array([-1, 0])}), r"counters = \[-1, 0\]"),
         (lambda _, arrays: arrays.update({"mean/0/weight": np.zeros((2, 2), np.float32)}), r"\(2, 2\)"),
         (lambda _, arrays: arrays.update({"scaling/mean": np.zeros(3)}), r"float64 \(3,\)"),
         (lambda _, arrays: arrays["scaling/variance"].fill(-1.0), "variance"),
-        (lambda _, arrays: arrays.pop("best/1/bias"), "half of the layers of best"),
+        (lambda _, arrays: arrays.pop("best/1/bias"), "lacks some of the layers of best"),
         (lambda content, _: content["state"].update(segment=-1), "lacks its learner or its counts"),
         (lambda content, _: content["state"].update(curve=[{"steps": 1}]), "lacks seconds"),
         (lambda content, _: content.update(format=1), "has format 1; valid: format 3"),
@@ -108,7 +108,7 @@ def test_without_a_damaged_checkpoint_a_run_goes_on_from_the_one_before(done, tm
     (folder / "checkpoint.npz").write_bytes(data)
     (folder / "policy.npz").unlink()
     args = override(TINY, out=tmp_path)
-    with pytest.raises(CheckpointError, match=r"checksum.*without the file the run goes on from previous\.npz"):
+    with pytest.raises(CheckpointError, match=r"checksum.*without the file the run resumes from previous\.npz"):
         learn(args)
     (folder / "checkpoint.npz").unlink()
     lines = []
