@@ -1,4 +1,4 @@
-"""The option `--whole`, which tests run unchecked, and the compiled runner, made and flown once a process."""
+"""The option `--whole`, the marker `unchecked`, and fixtures of the compiled runner, built once a process."""
 
 import signal
 from pathlib import Path
@@ -6,25 +6,25 @@ from pathlib import Path
 import pytest
 
 UNCHECKED = ("adversary", "cli", "meta", "onboard", "paper", "policies", "sitl", "tune", "viz")
-"""Folders whose tests run whole programs: with shapes and types checked they would take a quarter longer, and the parts
-are checked in their own tests."""
+"""Folders whose tests run whole programs, marked `unchecked`: checks of shapes and types would add a quarter to their
+time, and the parts are checked in their own tests."""
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    # A shell starts what goes on in its background so, and then no test of Ctrl-C would end.
+    # A shell ignores SIGINT in background jobs; tests of Ctrl-C would never end.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser):
-    """`--whole`: every try of the adversaries and every mission through ROS, not CI's sample."""
+    """Add `--whole`: every attempt of the adversaries and every mission through ROS, not the sample of CI."""
     parser.addoption(
         "--whole",
         action="store_true",
-        help="adversaries make all of their tries, and all missions are flown through ROS",
+        help="run every attempt of the adversaries and every mission through ROS, not a sample",
     )
 
 
 def pytest_collection_modifyitems(items):
-    """Mark what runs whole programs."""
+    """Mark tests that run whole programs as `unchecked`."""
     tests = Path(__file__).parent
     for item in items:
         if item.path.relative_to(tests).parts[0] in UNCHECKED:
@@ -33,7 +33,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope="session")
 def onboard():
-    """The module, imported late: a package that a conftest imports escapes the checks of shapes and types."""
+    """`support.runner`, imported late: a conftest's imports are not instrumented with checks of shapes and types."""
     from support import runner as onboard
 
     return onboard

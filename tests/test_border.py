@@ -1,4 +1,4 @@
-"""Pins the border: what is written is what is read, and what is not as it should be is refused before it is built."""
+"""Pins the validation of outside input: exact round trips, and refusals before anything is built."""
 
 import io
 import json
@@ -49,7 +49,7 @@ def test_numpy_opens_a_bundle_sealed_or_not(sealed):
             np.testing.assert_array_equal(found[name], array)
 
 
-def test_every_flipped_bit_and_every_lost_byte_of_a_sealed_bundle_is_noticed():
+def test_every_flipped_bit_and_every_lost_byte_of_a_sealed_bundle_is_detected():
     data = pack("w.json", {"a": 1}, {"x": np.arange(3)}, sealed=True)
     for place in range(len(data)):
         for bit in range(8):
@@ -96,7 +96,7 @@ def header(descr="<f8", order="False", shape="(3,)"):
         (b"", "no array"),
     ],
 )
-def test_an_array_that_is_not_what_it_says_is_refused_before_it_is_built(part, words):
+def test_an_array_that_contradicts_its_header_is_refused_before_it_is_built(part, words):
     assert "x" in unpack("w.json", archive([("w.json", "{}"), ("x.npy", npy(header(), bytes(24)))]))[1]
     tracemalloc.start()
     with pytest.raises(BorderError, match=words):
@@ -116,8 +116,8 @@ def test_compressed_parts_are_refused_before_they_are_unpacked():
     tracemalloc.stop()
 
 
-def test_parts_that_lie_over_each_other_are_refused():
-    """One part of a megabyte, and an entry for it under 200 names: they would be two hundred megabytes."""
+def test_parts_that_overlap_are_refused():
+    """A part of one megabyte listed under 200 names would expand to 200 megabytes."""
     data = archive([("w.json", "{}"), ("x000.npy", npy(header("|u1", shape="(1000000,)"), bytes(1_000_000)))])
     begin = data.rindex(b"PK\x01\x02")
     end = data.index(b"PK\x05\x06")
@@ -159,14 +159,14 @@ def test_a_bundle_of_other_parts_is_refused(parts, words):
 @pytest.mark.parametrize("text", ["NaN", "[1e999]", "-Infinity", str(2**63), '"\\ud800"', '{"\\udfff": 1}', "1" * 5000,
                                   "[" * 100_000, "[" * (MOST_DEPTH + 1) + "1" + "]" * (MOST_DEPTH + 1), "",
                                   "{'a': 1}"])  # fmt: skip
-def test_json_that_cannot_be_written_again_or_is_too_deep_is_refused(text):
+def test_json_that_cannot_be_serialised_again_or_is_too_deep_is_refused(text):
     with pytest.raises(BorderError) as caught:
         parse_json(text.encode())
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("value", [WORDS, [], 2**63 - 1, -1e308, "", None, True, [[[[1]]]]])
-def test_json_within_bounds_is_what_it_was(value):
+def test_json_within_bounds_is_unchanged(value):
     assert parse_json(json.dumps(value).encode()) == value
 
 
@@ -178,7 +178,7 @@ def test_json_within_bounds_is_what_it_was(value):
         ({"any": 1, "name": 2}, {str: int}), ({}, {str: int}), ({"x": 1}, dict),
     ],
 )  # fmt: skip
-def test_what_has_the_form_passes(value, form):
+def test_a_value_of_the_form_passes(value, form):
     require_form(value, form, "it")
 
 
@@ -193,7 +193,7 @@ def test_what_has_the_form_passes(value, form):
         ({"a": [{"b": None}]}, {"a": [{"b": str}]}, r"it\['a'\]\[0\]\['b'\] is NoneType"),
     ],
 )  # fmt: skip
-def test_what_has_another_form_is_refused_with_the_part_that_has_it(value, form, words):
+def test_a_value_of_another_form_is_refused_with_the_place_of_the_error(value, form, words):
     with pytest.raises(BorderError, match=words) as caught:
         require_form(value, form, "it")
     assert "\n" not in str(caught.value)
@@ -211,7 +211,7 @@ def test_only_regular_files_within_their_size_are_read(tmp_path):
         read_file(tmp_path, 4)
     with pytest.raises(BorderError, match="null"):
         read_file(tmp_path / "a\0b", 4)
-    os.mkfifo(tmp_path / "pipe")  # nobody writes into it
+    os.mkfifo(tmp_path / "pipe")  # without a writer
     with pytest.raises(BorderError, match="no regular file"):
         read_file(tmp_path / "pipe", 4)
 

@@ -1,4 +1,4 @@
-"""Pins where committed things lie: beside the package in a checkout, in it where it was installed, under one name."""
+"""Pins the paths of committed files: beside the package in a checkout, inside an installed one, by one name."""
 
 import shutil
 import subprocess
@@ -47,7 +47,7 @@ def test_a_committed_path_leads_from_any_folder_to_the_checkout(tmp_path, monkey
     assert committed.committed(Path("baselines/scores")) == ROOT / "baselines" / "scores"
 
 
-def test_what_the_working_folder_has_goes_first(tmp_path, monkeypatch):
+def test_files_of_the_working_folder_have_precedence(tmp_path, monkeypatch):
     (tmp_path / ARTIFACT).parent.mkdir(parents=True)
     (tmp_path / ARTIFACT).write_bytes(b"mine")
     monkeypatch.chdir(tmp_path)
@@ -55,7 +55,7 @@ def test_what_the_working_folder_has_goes_first(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("path", ["mine.npz", "out/scores", "README.md", "baselines/nothing", "/baselines/scores"])
-def test_any_other_path_is_left_as_it_is(path, tmp_path, monkeypatch):
+def test_any_other_path_is_unchanged(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert committed.committed(Path(path)) == Path(path)
 
@@ -74,9 +74,9 @@ def test_an_installed_package_has_rows_policies_and_artifacts_by_the_same_names(
     for name in ("assets", "baselines"):
         (site / "spidar_gym" / name).symlink_to(ROOT / name)
     empty.mkdir()
-    (tmp_path / "asks.py").write_text(INSTALLED)
+    (tmp_path / "query.py").write_text(INSTALLED)
     done = subprocess.run(
-        [sys.executable, str(tmp_path / "asks.py"), str(site)], cwd=empty, env={"PYTHONPATH": str(site)},
+        [sys.executable, str(tmp_path / "query.py"), str(site)], cwd=empty, env={"PYTHONPATH": str(site)},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""Pins the errors' one line: what was wrong, what would have been valid, and what was probably meant."""
+"""Pins the one-line error messages: the invalid value, the valid ones, and the closest match."""
 
 import math
 import pickle
@@ -36,7 +36,7 @@ STRANGE = [
     None, "", "x\ny", b"x", -(10**400), -(10**5000), math.nan, math.inf, -1.0, 2j, [], ["x"], [[[]]], {}, {"x": 1},
     set(), object(), Rude(), int, np.zeros((20, 20)), np.array(["a"]), range(3), "x" * 10000, {"k": Rude()},
 ]  # fmt: skip
-"""What nobody can use as a name, a number or a flag."""
+"""Values that are no valid name, number or flag."""
 
 
 @pytest.mark.parametrize(
@@ -48,12 +48,12 @@ STRANGE = [
         ("horizon", "horizon_s"),
     ],
 )
-def test_an_unknown_name_lists_all_valid_ones_and_points_at_the_one_that_is_most_like_it(wrong, meant):
+def test_an_unknown_name_lists_all_valid_ones_and_suggests_the_closest(wrong, meant):
     error = str(UnknownNameError("option", wrong, VALID))
     assert error == f"unknown option '{wrong}'; valid: {', '.join(VALID)}; did you mean {meant}?"
 
 
-def test_an_unknown_argument_lists_all_valid_ones_in_pythons_words_and_says_why():
+def test_an_unknown_argument_lists_all_valid_ones_in_pythons_words_with_the_reason():
     error = UnknownArgumentError("sensor", VALID, "it is not there")
     assert str(error) == (
         f"got an unexpected keyword argument 'sensor'; valid: {', '.join(VALID)}; did you mean sensors?; "
@@ -61,7 +61,7 @@ def test_an_unknown_argument_lists_all_valid_ones_in_pythons_words_and_says_why(
     )
     assert isinstance(error, UnknownNameError)
     assert isinstance(error, TypeError)
-    # As Gymnasium makes it anew from its message.
+    # Gymnasium raises a new error of the same type with an extended message.
     again = f"{error} was raised from the environment creator for an/Id-v0 with kwargs ({{'sensor': 1}})"
     assert str(type(error)(again)) == str(error)
     require_arguments(["sensors"], VALID)
@@ -69,12 +69,12 @@ def test_an_unknown_argument_lists_all_valid_ones_in_pythons_words_and_says_why(
         require_arguments(["sensors", "x"], VALID)
 
 
-def test_a_name_that_is_like_nothing_gets_no_guess():
+def test_a_name_without_a_close_match_has_no_suggestion():
     assert str(UnknownNameError("form", "zzz", FORMS)) == "unknown form 'zzz'; valid: form1, form2, form3"
 
 
 @pytest.mark.parametrize("value", STRANGE, ids=lambda value: type(value).__name__)
-def test_whatever_is_refused_is_named_in_one_short_line(value):
+def test_a_refused_value_is_shown_in_one_short_line(value):
     acts = [
         lambda: require_name("form", value, FORMS),
         lambda: require_within(0.0, 1.0, "m", length=value),
@@ -100,7 +100,7 @@ def test_a_number_that_no_float_can_hold_is_not_within_any_range():
         require_not_negative(length=10**400)
 
 
-def test_what_is_valid_passes():
+def test_valid_values_pass():
     require_name("form", np.str_("form1"), FORMS)
     require_within(0.0, 1.0, "m", a=0, b=1.0, c=np.float32(0.5), d=np.int64(1))
     require_not_negative(a=0, b=1e300, c=np.float64(2.0))

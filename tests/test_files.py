@@ -1,4 +1,4 @@
-"""Pins how files are written: whole or not at all, by writers who do not know of each other, on disks that refuse."""
+"""Pins the writing of files: atomic, by concurrent writers, and with errors of the disk."""
 
 import os
 import resource
@@ -30,7 +30,7 @@ with whole_file(Path(sys.argv[1])) as part:
 
 @pytest.fixture
 def room():
-    """Set how many bytes a file may have: what is beyond them is refused as by a full disk."""
+    """Limit the size of files; writes beyond it fail as on a full disk."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     resource.setrlimit(resource.RLIMIT_FSIZE, before)
@@ -60,7 +60,7 @@ def test_no_link_is_followed(tmp_path):
     write_text(path, "my own")
     assert victim.read_text() == "another's"
     assert path.read_text() == "my own\n"
-    assert not path.is_symlink(), "the link is replaced, not what it points at"
+    assert not path.is_symlink(), "the link is replaced, not its target"
 
 
 @pytest.mark.parametrize("mask", [0o022, 0o027, 0o000])
@@ -79,7 +79,7 @@ def test_a_name_may_be_as_long_as_the_disk_allows(tmp_path):
     assert path.read_text() == "{}\n"
 
 
-def test_what_a_killed_writer_leaves_is_removed_and_what_a_living_one_has_is_not(tmp_path):
+def test_the_leftovers_of_a_killed_writer_are_removed_and_those_of_a_running_one_are_kept(tmp_path):
     path = tmp_path / "x"
     path.write_text("old")
     done = subprocess.run([sys.executable, "-c", KILLED, path], check=False)
@@ -88,7 +88,7 @@ def test_what_a_killed_writer_leaves_is_removed_and_what_a_living_one_has_is_not
     left = parts(tmp_path)
     assert len(left) == 1
     with own_folder(tmp_path) as living:
-        assert parts(tmp_path) == [living.name], "the first writer of a process finds the leftover"
+        assert parts(tmp_path) == [living.name], "the first writer of a process removes the leftovers"
         (living / "x").write_text("going on")
         subprocess.run([sys.executable, "-c", WRITING, path], check=True)
         assert (living / "x").read_text() == "going on"
@@ -97,7 +97,7 @@ def test_what_a_killed_writer_leaves_is_removed_and_what_a_living_one_has_is_not
 
 
 @pytest.mark.parametrize("error", [ValueError("not for files"), KeyboardInterrupt()])
-def test_what_is_raised_meanwhile_leaves_the_old_file(tmp_path, error):
+def test_an_error_during_writing_leaves_the_old_file(tmp_path, error):
     def interrupted():
         with whole_file(path) as part:
             part.write_bytes(b"half")
@@ -111,7 +111,7 @@ def test_what_is_raised_meanwhile_leaves_the_old_file(tmp_path, error):
     assert parts(tmp_path) == []
 
 
-def test_a_disk_without_room_is_one_line_and_leaves_the_old_file(tmp_path, room):
+def test_a_full_disk_is_a_one_line_error_and_leaves_the_old_file(tmp_path, room):
     path = tmp_path / "x"
     path.write_text("old")
     room(100)
@@ -126,7 +126,7 @@ def test_a_disk_without_room_is_one_line_and_leaves_the_old_file(tmp_path, room)
 
 
 @pytest.mark.parametrize("place", ["file/x", "/proc/x", "folder"])
-def test_a_place_that_takes_no_file_is_one_line(tmp_path, place):
+def test_a_path_where_no_file_can_be_written_is_a_one_line_error(tmp_path, place):
     (tmp_path / "file").write_text("")
     (tmp_path / "folder" / "kept").mkdir(parents=True)
     with pytest.raises(SpidarError, match=r"cannot write .*; valid: a"):
@@ -134,7 +134,7 @@ def test_a_place_that_takes_no_file_is_one_line(tmp_path, place):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
 
 
-def test_the_data_is_on_the_disk_before_the_name_and_the_name_before_the_end(tmp_path, monkeypatch):
+def test_the_data_is_synchronised_before_the_renaming_and_the_folder_after_it(tmp_path, monkeypatch):
     done, fsync, replace = [], os.fsync, os.replace
     monkeypatch.setattr(files.os, "fsync", lambda h: (done.append(os.readlink(f"/proc/self/fd/{h}")), fsync(h)))
     monkeypatch.setattr(files.os, "replace", lambda a, b: (done.append("replace"), replace(a, b)))

@@ -1,4 +1,4 @@
-"""Pins the clients in learning frameworks: Stable-Baselines3 sees what its own vector shows it, torch no copies."""
+"""Pins the plug-ins of learning frameworks: the episodes of Stable-Baselines3's own vector, tensors without copies."""
 
 import pickle
 import subprocess
@@ -25,7 +25,7 @@ from spidar_gym.policies.source import PolicyError
 CASES = {
     "flights that fall": (HOVER, {"action_mode": "direct", "forms": "independent"}, 60),
     "flights to the horizon": (HOVER, {"forms": "equal"}, 12),
-    "crawls of drawn robots": (CRAWL, {"sensors": True, "randomization": 0.3}, 15),
+    "crawls of randomised robots": (CRAWL, {"sensors": True, "randomization": 0.3}, 15),
 }
 KEYWORDS = ("failure", "energy_wh", "time_s")
 
@@ -43,7 +43,7 @@ def dummy(case, robots=3):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_stable_baselines_sees_the_episodes_of_its_own_vector_to_the_bit(case):
+def test_episodes_are_those_of_stable_baselines_own_vector_to_the_bit(case):
     ours, theirs = StableVecEnv(vector(case)), dummy(case)
     assert (ours.observation_space, ours.action_space) == (theirs.observation_space, theirs.action_space)
     assert ours.seed(5) == theirs.seed(5)
@@ -74,7 +74,7 @@ DICTIONARIES = {
 
 
 @pytest.mark.parametrize("case", DICTIONARIES)
-def test_dictionaries_are_seen_as_in_its_own_vector_to_the_bit(case, monkeypatch):
+def test_dictionaries_are_those_of_stable_baselines_own_vector_to_the_bit(case, monkeypatch):
     monkeypatch.setitem(CASES, case, DICTIONARIES[case])
     ours, theirs = StableVecEnv(vector(case)), dummy(case)
     assert (ours.observation_space, ours.action_space) == (theirs.observation_space, theirs.action_space)
@@ -119,7 +119,7 @@ def test_hindsight_learns_from_rewards_that_the_vector_computes(robots):
     assert {-1.0, 0.0} == {*batch.rewards.numpy()[:, 0].tolist()}
 
 
-def test_of_an_asymmetric_policy_the_critic_sees_more_than_the_actor(tmp_path):
+def test_the_critic_of_an_asymmetric_policy_observes_more_than_the_actor(tmp_path):
     many = gymnasium.make_vec(HOVER, 4, autoreset_mode="SameStep", observation="asymmetric", max_episode_steps=30)
     env = StableVecEnv(many)
     model = PPO(AsymmetricPolicy, env, n_steps=16, batch_size=16, n_epochs=1, seed=0, device="cpu")
@@ -155,7 +155,7 @@ def test_tensors_of_a_dictionary_share_its_memory(mode):
     assert (mode == "SameStep") == bool(robots.final_observations["privileged"].any())
 
 
-def test_what_is_seen_stays_what_it_was():
+def test_a_returned_observation_does_not_change_afterwards():
     env = StableVecEnv(vector("flights that fall"))
     before = env.reset()
     kept = before.copy()
@@ -239,7 +239,7 @@ def test_the_word_that_an_episode_ended_with_reaches_the_monitor():
 
 
 @pytest.mark.parametrize("mode", ["SameStep", "NextStep", "Disabled"])
-def test_tensors_are_the_memory_of_the_robots_and_tell_what_step_tells(mode):
+def test_tensors_share_the_memory_of_the_robots_and_hold_what_step_returns(mode):
     robots, usual = TorchVector(vector("flights that fall", mode=mode)), vector("flights that fall", mode=mode)
     where = robots.observations.data_ptr()
     robots.reset(seed=3)
@@ -280,18 +280,18 @@ def test_the_policy_of_a_zip_acts_as_its_model_does_without_noise(name, tmp_path
         action = policy.act(seen)
         assert action.any()
         assert np.array_equal(action, model.predict(seen, deterministic=True)[0])
-    assert not acts_in_batches(policy)  # torch promises no bits
+    assert not acts_in_batches(policy)  # torch does not guarantee equal bits for batches
 
 
 class Counting(ActorCriticPolicy):
-    """A policy with a memory: how often it has acted."""
+    """A recurrent policy that counts its actions."""
 
     def predict(self, observation, state=None, episode_start=None, deterministic=False):
         count = 1 if state is None else state[0] + 1
         return np.full(self.action_space.shape, count), (count,)
 
 
-def test_what_a_policy_remembers_goes_on_until_the_reset(tmp_path):
+def test_the_state_of_a_policy_lasts_until_the_reset(tmp_path):
     PPO(Counting, HOVER, device="cpu").save(tmp_path / "model.zip")
     policy = StablePolicy(tmp_path / "model.zip")
     counts = []
@@ -301,7 +301,7 @@ def test_what_a_policy_remembers_goes_on_until_the_reset(tmp_path):
     assert counts == [1, 2, 3, 1, 2, 3]
 
 
-def test_a_model_that_learned_through_statistics_needs_them_and_sees_through_them(tmp_path):
+def test_a_model_trained_with_normalisation_needs_the_statistics_and_applies_them(tmp_path):
     env = VecNormalize(StableVecEnv(vector("flights that fall", 4)))
     model = PPO("MlpPolicy", env, n_steps=16, batch_size=16, n_epochs=1, seed=0, device="cpu")
     model.learn(64)
@@ -321,17 +321,17 @@ def test_a_model_that_learned_through_statistics_needs_them_and_sees_through_the
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
-    """A zip's bytes."""
+    """Bytes of a saved model's zip."""
     return learned(tmp_path_factory.mktemp("zips") / "model.zip").read_bytes()
 
 
-def test_statistics_that_a_model_did_not_learn_through_are_not_looked_at(saved, tmp_path):
+def test_statistics_are_not_read_for_a_model_trained_without_normalisation(saved, tmp_path):
     (tmp_path / "model.zip").write_bytes(saved)
     (tmp_path / "vecnormalize.pkl").write_bytes(b"of another model")
     StablePolicy(tmp_path / "model.zip")
 
 
-def test_of_an_algorithm_only_what_acts_is_unpacked(saved, tmp_path):
+def test_only_the_policy_of_an_algorithm_is_unpickled(saved, tmp_path):
     path = tmp_path / "model.zip"
     path.write_bytes(changed(saved, lr_schedule={":serialized:": "of another Python"}))
     assert StablePolicy(path).act(np.zeros(StablePolicy(path).observation_space.shape, np.float32)).any()
@@ -365,7 +365,7 @@ DAMAGE = {
 
 
 class Leaving:
-    """What ends the process as it is unpickled."""
+    """An object that ends the process while it is unpickled."""
 
     def __reduce__(self):
         return sys.exit, (0,)
@@ -388,7 +388,7 @@ def test_a_damaged_zip_is_refused_in_one_line(how, saved, tmp_path):
 
 
 @pytest.mark.parametrize("missing", ["torch", "stable_baselines3"])
-def test_without_the_extra_the_module_is_refused_in_one_line_and_all_else_works(missing):
+def test_without_the_extra_importing_plugins_is_a_one_line_error_and_all_else_works(missing):
     code = (
         f"import sys; sys.modules[{missing!r}] = None\n"
         "import gymnasium, spidar_gym\n"
@@ -401,7 +401,7 @@ def test_without_the_extra_the_module_is_refused_in_one_line_and_all_else_works(
     assert "pip install 'spidar-gym[train]'" in done.stdout
 
 
-def test_nothing_of_the_package_loads_a_framework():
+def test_the_package_imports_no_framework():
     code = "import sys, spidar_gym, spidar_gym.cli.main, spidar_gym.envs.vector; print('torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

@@ -1,4 +1,4 @@
-"""Pins the pool of processes: every result arrives, Ctrl-C is answered at once with nothing lost, no worker is left."""
+"""Pins the pool of processes: every result arrives, Ctrl-C stops at once without losses, no worker remains."""
 
 import os
 import signal
@@ -15,20 +15,20 @@ from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.processes import LostWorkerError, Pool, cpu_count
 
 LONG = 600.0
-"""What nobody waits for [s]."""
+"""A duration longer than any test [s]."""
 SOON = 10.0
 """Time in which something quick is done on a busy machine [s]."""
 
 
 class Stubborn(Exception):
-    """Cannot be made again from what is pickled of it."""
+    """An exception that cannot be unpickled."""
 
     def __init__(self, one, two):
         super().__init__(f"{one} and {two}")
 
 
 def work(item):
-    """Whatever the item says; of a pair the second one, a second later."""
+    """Do what the item specifies; for a pair, process the second entry a second later."""
     if isinstance(item, tuple):
         time.sleep(1.0)
         return work(item[1])
@@ -50,7 +50,7 @@ def work(item):
 
 
 def done(pool, items, found=None):
-    """Items whose results arrived, put into `found` as they come, and what was raised then."""
+    """Return the items whose results arrived, appended to `found` on arrival, and the error raised or None."""
     found = [] if found is None else found
     try:
         for k, _ in pool.as_done(work, items, "item {}".format):
@@ -61,7 +61,7 @@ def done(pool, items, found=None):
 
 
 def gone(pid):
-    """Whether a process is no more; one that waits to be buried is none."""
+    """Whether a process has ended; a zombie counts as ended."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
     except OSError:
@@ -78,7 +78,7 @@ def until(happens, seconds=SOON):
 
 
 def interrupt(when, number=signal.SIGINT):
-    """Send this process a signal as soon as something has happened."""
+    """Send this process a signal as soon as `when()` is true."""
     threading.Thread(target=lambda: until(when) and os.kill(os.getpid(), number), daemon=True).start()
 
 
@@ -93,7 +93,7 @@ def test_every_result_arrives_in_order_or_as_it_comes(workers):
     assert sorted(found) == items
 
 
-def test_one_worker_works_here_and_more_elsewhere_and_go_on_with_the_next_call():
+def test_one_worker_is_this_process_and_several_are_processes_that_the_next_call_reuses():
     for workers in (1, 3):
         with Pool(workers) as pool:
             calls = [{pid for _, pid in pool.map(work, [0.05] * 6)} for _ in range(2)]
@@ -116,7 +116,7 @@ def test_a_result_that_is_larger_than_any_pipe_arrives_whole():
 @pytest.mark.parametrize(
     "error", [SpidarError("words"), UnknownNameError("form", "x", ["y"]), ValueError("other")], ids=repr
 )
-def test_what_the_work_raises_comes_as_it_is_and_at_once(error, workers):
+def test_an_error_of_the_work_is_raised_unchanged_and_at_once(error, workers):
     began = time.monotonic()
     with Pool(workers) as pool:
         found, raised = done(pool, [1, (1, error), LONG])
@@ -126,7 +126,7 @@ def test_what_the_work_raises_comes_as_it_is_and_at_once(error, workers):
     assert time.monotonic() - began < SOON
 
 
-def test_an_error_that_cannot_travel_sends_its_words():
+def test_an_error_that_cannot_be_pickled_is_raised_as_its_message():
     with Pool(2) as pool:
         _, raised = done(pool, ["stubborn"])
         assert str(raised) == "Stubborn: 1 and 2"
@@ -135,7 +135,7 @@ def test_an_error_that_cannot_travel_sends_its_words():
 
 
 @pytest.mark.parametrize(("how", "words"), [("kill", "was killed by SIGKILL"), ("leave", "ended with status 3")])
-def test_a_lost_worker_is_one_line_that_names_the_work_and_what_is_finished_arrives(how, words):
+def test_a_lost_worker_is_a_one_line_error_that_names_the_item_and_finished_results_arrive(how, words):
     began = time.monotonic()
     with Pool(2) as pool:
         found, raised = done(pool, [1, 2, (1, how), LONG, 3])
@@ -144,16 +144,16 @@ def test_a_lost_worker_is_one_line_that_names_the_work_and_what_is_finished_arri
         assert "--workers" in str(raised)
         assert sorted(found) == [1, 2]
         assert time.monotonic() - began < SOON
-        assert done(pool, [4, 5])[1] is None  # others have taken its place
+        assert done(pool, [4, 5])[1] is None  # a new worker has replaced it
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interruption_hands_over_what_is_finished_and_kills_the_rest(number, tmp_path, capfd):
+def test_an_interruption_returns_finished_results_and_kills_the_rest(number, tmp_path, capfd):
     began, found = time.monotonic(), []
 
     def run():
         with Pool(3) as pool, kept(lambda: f"{len(found)} kept"):
-            # The consumer is busy with the first result while the second one comes, and the signal.
+            # The consumer processes the first result while the second one and the signal arrive.
             for _, result in pool.as_done(work, [1, 0.2, tmp_path / "pid", LONG, 2]):
                 found.append(result)
                 if result[0] == 1:
@@ -175,7 +175,7 @@ def test_an_interruption_hands_over_what_is_finished_and_kills_the_rest(number, 
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_ctrl_c_while_the_work_goes_on_is_answered_at_once(workers, tmp_path):
+def test_ctrl_c_during_the_work_stops_at_once(workers, tmp_path):
     began = time.monotonic()
     found = []
     interrupt(lambda: found and (tmp_path / "pid").exists())
@@ -188,7 +188,7 @@ def test_ctrl_c_while_the_work_goes_on_is_answered_at_once(workers, tmp_path):
     assert workers == 1 or gone((tmp_path / "pid").read_text())
 
 
-def test_ctrl_c_between_two_calls_is_answered_there():
+def test_ctrl_c_between_two_calls_is_raised_there():
     with Pool(2) as pool:
         [*pool.map(work, [1, 2])]
         with pytest.raises(KeyboardInterrupt):
@@ -196,7 +196,7 @@ def test_ctrl_c_between_two_calls_is_answered_there():
         assert len([*pool.map(work, [1, 2])]) == 2
 
 
-def test_a_consumer_that_stops_early_leaves_nobody_at_work(tmp_path):
+def test_a_consumer_that_stops_early_stops_the_workers(tmp_path):
     with Pool(2) as pool:
         results = pool.as_done(work, [1, tmp_path / "pid", 2])
         next(results)
@@ -220,13 +220,13 @@ def test_a_pool_works_in_a_thread_too():
 
 
 def torch_product(size):
-    """Something that torch shares among threads."""
+    """Compute something for which torch uses threads."""
     import torch
 
     return float(torch.linalg.qr(torch.eye(size) + 1.0)[0].square().sum())
 
 
-def test_workers_of_a_process_in_which_torch_has_threads_do_not_wait_for_them():
+def test_workers_of_a_process_in_which_torch_has_threads_do_not_hang():
     torch = pytest.importorskip("torch", reason="the extra `train` is not installed")
     before = torch.get_num_threads()
     torch.set_num_threads(4)
@@ -238,7 +238,7 @@ def test_workers_of_a_process_in_which_torch_has_threads_do_not_wait_for_them():
         torch.set_num_threads(before)
 
 
-def test_no_workers_at_all_are_refused():
+def test_zero_workers_are_refused():
     with pytest.raises(InvalidValueError, match="workers"):
         Pool(0)
 
@@ -255,7 +255,7 @@ with Pool(3) as pool:
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_no_worker_outlives_its_parent_however_that_ends(number, tmp_path):
+def test_no_worker_outlives_its_parent(number, tmp_path):
     script = ORPHANS.format(tests=str(Path(__file__).parent), folder=str(tmp_path))
     parent = subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.PIPE, text=True)
     files = [tmp_path / name for name in "abc"]
@@ -263,13 +263,13 @@ def test_no_worker_outlives_its_parent_however_that_ends(number, tmp_path):
     parent.send_signal(number)
     _, said = parent.communicate(timeout=SOON)
     assert until(lambda: all(gone(file.read_text()) for file in files), 5.0)
-    assert "test_processes" not in said.partition("KeyboardInterrupt")[2]  # workers say nothing
+    assert "test_processes" not in said.partition("KeyboardInterrupt")[2]  # workers print nothing
 
 
 def test_there_is_at_least_one_processor_and_a_machine_has_no_fewer():
     assert 1 <= cpu_count() <= (os.cpu_count() or 1)
 
 
-def test_processors_are_counted_where_the_system_does_not_say_which_ones_may_be_used(monkeypatch):
+def test_processors_are_counted_on_systems_without_cpu_affinity(monkeypatch):
     monkeypatch.delattr(os, "sched_getaffinity")
     assert cpu_count() == (os.cpu_count() or 1)

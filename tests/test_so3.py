@@ -23,7 +23,7 @@ def axes(seed: int, count: int = 20) -> np.ndarray:
 
 
 def quaternions(seed: int) -> np.ndarray:
-    """Random ones, and those with one or three entries (nearly) zero."""
+    """Random unit quaternions, and special ones with one or three entries (nearly) zero."""
     rng = np.random.default_rng(seed)
     special = np.vstack([np.eye(4), -np.eye(4), np.eye(4) + 1e-9 * rng.normal(size=(4, 4)), [[0.0, 0.6, -0.8, 0.0]]])
     quats = np.vstack([rng.normal(size=(50, 4)), special])
@@ -71,7 +71,7 @@ def test_exp_and_log_agree_with_scipy():
         close(so3.log(R.as_matrix()), R.as_rotvec(), atol=1e-13)
 
 
-def test_exp_gives_proper_rotations_and_products_stay_in_the_group():
+def test_exp_returns_proper_rotations_and_products_stay_in_the_group():
     rng = np.random.default_rng(6)
     product = np.eye(3)
     for v in rng.uniform(-4.0, 4.0, size=(50, 3)):
@@ -109,7 +109,7 @@ def test_skew_and_cross_table_are_numpys_cross_product():
     close((points @ so3.CROSS).reshape(7, 3, 3) @ u, expected, atol=1e-15)
 
 
-def test_vee_inverts_skew_and_does_not_see_a_symmetric_part():
+def test_vee_inverts_skew_and_ignores_a_symmetric_part():
     rng = np.random.default_rng(11)
     v, M = rng.normal(size=3), rng.normal(size=(3, 3))
     close(so3.vee(so3.skew(v) + M + M.T), v, atol=1e-15)
@@ -153,6 +153,6 @@ def test_roll_pitch_and_yaw_turn_about_x_then_y_then_z():
     close(so3.euler_angles(down * (1.0 + 1e-15))[1], math.pi / 2, atol=1e-7)
 
 
-def test_the_cross_product_has_the_very_numbers_of_numpy():
+def test_the_cross_product_equals_numpys_bit_for_bit():
     for a, b in np.random.default_rng(7).normal(size=(200, 2, 3)):
         np.testing.assert_array_equal(so3.cross(a, b), np.cross(a, b))

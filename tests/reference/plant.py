@@ -76,7 +76,7 @@ class Plant:
     def configure(self, config: PlantConfig) -> None:
         """Change the configuration from the next reset on (`InvalidValueError` for tiles where there were none)."""
         if config.ground.uneven != self.config.ground.uneven:
-            raise InvalidValueError("tiles", config.ground.uneven, "a floor of the same kind as at the beginning")
+            raise InvalidValueError("tiles", config.ground.uneven, "the kind of floor given at construction")
         self.config = config
         self._aero, self._sensors = self._write_config()
 

@@ -6,7 +6,7 @@ import pytest
 @pytest.fixture
 def no_shortcut(monkeypatch):
     """Solve every tick with OSQP: the closed form refines its solution and never replaces it."""
-    # Imported late: a package imported by a conftest is not instrumented with checks of shapes and types.
+    # Imported late: a conftest's imports are not instrumented with checks of shapes and types.
     from spidar_gym.control.allocation import allocator as module
     from spidar_gym.control.allocation.solver import closed_form
 
