@@ -1,1 +1,1 @@
-"""What can act: protocol, presets, learned artifacts, and how a name leads to one."""
+"""Policies: protocol, presets, learned artifacts, and loading by name."""

@@ -1,4 +1,4 @@
-"""A policy that is called with care: within its time, with answers that are actions, its errors named and placed."""
+"""Checked calls of a policy: time limit, validity of its actions, errors with name and place."""
 
 import signal
 import threading
@@ -15,16 +15,23 @@ from spidar_gym.policies.source import PolicyError
 
 
 class Actor:
-    """A policy that is called with care: what goes wrong becomes a `PolicyError` that says where."""
+    """Calls a policy and converts every failure into a `PolicyError` with the place."""
 
     def __init__(self, policy: Policy, shape: tuple[int, ...], place: str, *, limit_s: float) -> None:
-        """Take a policy, the action's shape, where it acts, in words, and how long an answer may take [s]."""
+        """Store a policy and prepare it.
+
+        Args:
+            policy: The policy.
+            shape: Shape of its actions.
+            place: Track and scenario, for messages.
+            limit_s: Time limit of a call [s].
+        """
         self.policy, self._shape, self._place, self._limit = policy, shape, place, limit_s
         self.ticks = 0
         self.times: list[float] = []
-        """How long each action took [s]."""
+        """Duration of each action's computation [s]."""
         if isinstance(policy, Guest):
-            policy.limit_s = limit_s  # it looks at the time itself: an alarm would leave a half answer on the line
+            policy.limit_s = limit_s  # a guest limits the time itself: an alarm would leave half an answer in the pipe
         begin = getattr(policy, "begin", None)
         if begin is not None:
             with self._care("begin"):
@@ -42,11 +49,11 @@ class Actor:
             self.policy.reset_batch(seeds)
 
     def act(self, observation: Any) -> np.ndarray:  # noqa: ANN401 - an array, or a dictionary of them
-        """A valid action (`PolicyError` if it is none)."""
+        """Return a valid action (`PolicyError` if it is not)."""
         return self._act("act", self.policy.act, observation)
 
     def act_batch(self, observations: np.ndarray) -> np.ndarray:
-        """Valid actions of all robots (`PolicyError` if one is none)."""
+        """Return valid actions of all robots (`PolicyError` if one is not)."""
         assert isinstance(self.policy, BatchPolicy)
         return self._act("act_batch", self.policy.act_batch, observations)
 
@@ -74,7 +81,7 @@ class Actor:
             self._fail(f"took longer than {self._limit:g} s in {what}()")
         except (Exception, SystemExit) as error:
             raise PolicyError(f"{self._where}: {what}() raised {type(error).__name__}: {error}") from error
-        if time.perf_counter() - start > self._limit:  # where no alarm could ring
+        if time.perf_counter() - start > self._limit:  # without an alarm
             self._fail(f"took longer than {self._limit:g} s in {what}()")
 
     @property
@@ -91,7 +98,7 @@ class _TooLongError(BaseException):
 
 @contextmanager
 def _alarm(seconds: float) -> Iterator[None]:
-    """Raise `_TooLongError` after so many seconds, in a main thread with signals; elsewhere time is only looked at."""
+    """Raise `_TooLongError` after so many seconds, in a main thread with signals; elsewhere do nothing."""
     if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""The artifact of a learned policy: one file with network, normaliser, arguments and origin, and who refuses it."""
+"""Artifact of a learned policy: one file with network, normaliser, arguments and origin, and its validation."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,46 +24,46 @@ from spidar_gym.robot.description import model_hash
 FORMAT = 3
 """Version of the format."""
 READABLE = (2, FORMAT)
-"""Versions that are read: those before 3 had neither traces nor a skip matrix."""
+"""Versions that can be read; version 2 has neither traces nor a skip matrix."""
 ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0.0))}
 """Valid activations of the hidden layers."""
 OUTPUTS = ("clip", "tanh", "torso", "rule")
-"""How the last layer becomes an action: clipped to ± 1 (PPO), squashed (SAC), or a `direct` command in torso axes.
+"""Conversions of the last layer to an action: clipped to ± 1 (PPO), squashed (SAC), a `direct` command in torso axes.
 
-With `torso` the network sees the `features` of an observation in its place, and its numbers are a `command`'s. With
-`rule` they are clipped, and are the numbers by which the rule on a course acts.
+With `torso` the network's input is the `features` of an observation, and its output the input of `command`. With `rule`
+the output is clipped and sets the numbers of the rule on a course.
 """
 VECTORS = {"mean": "normaliser", "variance": "normaliser", "washout": "action"}
-"""Fields of an artifact that are vectors in its file, and what they are part of."""
+"""Fields of an artifact that are vectors in its file, and the part that they belong to."""
 LATER = {
     "traced": np.zeros(0), "trace_times": np.zeros(0), "rotor_lag": np.zeros(0), "skip": np.zeros((0, 0), np.float32)
 }  # fmt: skip
-"""Fields that came with format 3, and what they are where there are none."""
+"""Fields that format 3 introduced, with their values for older files."""
 RENAMED = {"tuned": "tuned_v1", "robust_overlapped": "robust_overlapped_v1"}
-"""Presets that another search has filled since format 2, and which are today what they were then."""
+"""Presets that were tuned again after format 2, and the current names of their values at that time."""
 TITLE = "policy.json"
-"""The words in the file."""
+"""Part of the file with the text."""
 MOST_LAYERS, MOST_WIDTH = 8, 1024
-"""Largest network in a file: its layers, and the numbers that one gives; the onboard core takes no wider one either."""
+"""Largest number of layers of a network in a file, and of outputs of a layer; the onboard core has the same limit."""
 MOST_BYTES = 4 * MOST_LAYERS * MOST_WIDTH * (MOST_WIDTH + 1) + 2 * MOST_WORDS
-"""No file of such a network is larger."""
+"""Largest size of a file [bytes]."""
 MOST_LETTERS = 500
-"""Longest name, and description in one line."""
+"""Length limit of a name and of other texts in one line [characters]."""
 ARGUMENT_FORMS: dict[str, Any] = {
     "action_mode": str, "preset": str, "schedule": (str, None), "avoid_interference": bool, "max_iter": int,
 }  # fmt: skip
-"""Arguments of the environment that a file may choose, of those that a policy may."""
+"""Arguments of the environment that a file may set, and their types."""
 FORM = {
     "format": int, "name": str, "kind": str, "doc": str, "env_id": str, "arguments": dict,
     "interface": {"observation": [[str, int, float]], "action": int},
     "clip": float, "activation": str, "output": str, "layers": int, "model_sha256": str, "versions": {str: str},
     "training": dict,
 }  # fmt: skip
-"""What stands in the words."""
+"""Entries of the text, and their types."""
 LINES = ("name", "kind", "doc", "env_id", "activation", "output")
-"""Which of them are a line each."""
+"""Entries of one line each."""
 TRAINING = {"command": str, "seed": int, "steps": int, "chosen_at": int, "curve": [[float, float]]}
-"""What stands in `training`, of which nothing has to be there, and beside which anything may be."""
+"""Types of optional entries of `training`; others are not checked."""
 
 
 class ArtifactError(SpidarError):
@@ -72,48 +72,48 @@ class ArtifactError(SpidarError):
 
 @dataclass(frozen=True)
 class Artifact:
-    """A multi-layer perceptron from observations to actions, and where it comes from."""
+    """A multi-layer perceptron from observations to actions, and its origin."""
 
     name: str
     """Name of its row."""
     kind: str
-    """`learned`, or `residual` where it adds to a controller."""
+    """`learned`, or `residual` if it adds to a controller."""
     doc: str
-    """What it is, in one line."""
+    """Description in one line."""
     env_id: str
     """Environment, with version."""
     arguments: Mapping[str, Any]
-    """What `gym.make` was told of action mode and controller."""
+    """Arguments of `gym.make` for action mode and controller."""
     weights: tuple[np.ndarray, ...]
     """W of every layer, shape (out, in)."""
     biases: tuple[np.ndarray, ...]
     """b of every layer, shape (out,)."""
     mean: np.ndarray
-    """Mean of what the network sees, observation or features and the traces; it enters as (o − mean) / √variance."""
+    """Mean of the network's input, observation or features and traces, which is scaled to (o − mean) / √variance."""
     variance: np.ndarray
-    """Variance of the same, above 0."""
+    """Variance of the network's input, above 0."""
     clip: float = 10.0
     """Bound of a normalised observation."""
     activation: str = "tanh"
     """Activation of the hidden layers."""
     output: str = "clip"
-    """How the last layer becomes an action."""
+    """Conversion of the last layer to an action, one of `OUTPUTS`."""
     washout: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Time constants of the `Washout` of every entry of the action [s], or none at all."""
+    """Time constants of the `Washout` of every entry of the action [s]; empty for none."""
     rotor_lag: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Time constant of the rotors in the `ExternalForce` that enters the network behind the observation [s], (1,); or
-    none at all."""
+    """Time constant of the rotors in the `ExternalForce`, an input of the network after the observation [s], (1,);
+    empty for none."""
     traced: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Entries of the observation, or of what stands behind it, that have `Traces`, which enter the network last."""
+    """Entries of the observation, or of the inputs after it, that have `Traces`, the last inputs of the network."""
     trace_times: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Time constants of those traces [s]."""
+    """Time constants of the traces [s]."""
     skip: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), np.float32))
-    """Matrix straight from the network's input to its last layer, (out, in), or of no size."""
+    """Matrix from the network's input to its last layer, (out, in); empty for none."""
     training: Mapping[str, Any] = field(default_factory=dict)
     """Command, seed, steps, wall time, and the learning `curve`."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no network."""
+        """Validate the artifact."""
         require_name("kind", self.kind, KINDS)
         require_name("activation", self.activation, ACTIVATIONS)
         require_name("output", self.output, OUTPUTS)
@@ -132,7 +132,7 @@ class Artifact:
         self._check_memory()
 
     def _check_network(self) -> None:
-        """Refuse layers that do not fit each other."""
+        """Validate the shapes of the layers."""
         if not (self.variance > 0.0).all() or self.variance.shape != self.mean.shape:
             raise InvalidValueError("variance", self.variance.shape, f"{self.mean.shape} numbers above 0")
         if not (self.weights and len(self.weights) == len(self.biases)):
@@ -150,7 +150,7 @@ class Artifact:
             raise InvalidValueError("network", (self.env_id, size), f"one of {COURSE} to {len(course.RANGES)}")
 
     def _check_memory(self) -> None:
-        """Refuse a washout and traces of what is not there."""
+        """Validate the washout, the traces and the external force."""
         if len(self.washout) not in (0, self.answers):
             raise InvalidValueError("washout", self.washout.shape, f"({self.answers},) time constants, or none")
         require_not_negative(washout=float(self.washout.min(initial=0.0)))
@@ -165,7 +165,7 @@ class Artifact:
 
     @property
     def sees(self) -> int:
-        """Length of an observation, without the traces."""
+        """Length of an observation, without the external force and traces."""
         shown = len(self.mean) - len(self.traced) * len(self.trace_times) - external.SIZE * len(self.rotor_lag)
         return shown - torso.FEATURES + torso.OBSERVATION if self.output == "torso" else shown
 
@@ -175,11 +175,11 @@ class Artifact:
         return len(course.ACTION) if self.output == "rule" else len(self.biases[-1])
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """The network's answer, in [−1, 1], in single precision as it was learned.
+        """Return the network's action in [−1, 1], in single precision as in training.
 
         Args:
-            observation: Shape (…, size); behind it the commanded joints, in torso axes, or the external force, where it
-                has one; then the traces. Each row is answered as it would be alone, bit for bit.
+            observation: Shape (…, size), followed by the commanded joints with the output `torso`, or by the external
+                force if there is one, and by the traces. Each row's action is bit for bit that of the row alone.
         """
         seen, in_torso = observation, self.output == "torso"
         if in_torso:
@@ -189,7 +189,7 @@ class Artifact:
         x = np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
         first, last = x, len(self.weights) - 1
         for k, (w, b) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x = np.matmul(w, x[..., None])[..., 0] + b  # a product for each row: their number changes no bit
+            x = np.matmul(w, x[..., None])[..., 0] + b  # row by row: their number changes no bit
             if k < last:
                 x = ACTIVATIONS[self.activation](x)
         if self.skip.size:
@@ -203,7 +203,7 @@ class Artifact:
 
 
 def interface(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """What an environment shows and takes: names and sizes of the observation's pieces, length of the action."""
+    """Return an environment's interface: names, sizes and bounds of the observation's fields, length of the action."""
     env = gymnasium.make(env_id, **arguments, disable_env_checker=True).unwrapped
     assert isinstance(env, SpidarEnv)
     fields = [[f.name, f.size, f.bound] for f in env.layout]
@@ -213,7 +213,7 @@ def interface(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def write_artifact(artifact: Artifact, path: Path) -> None:
-    """Write an artifact whole or not at all; the same one gives the same bytes."""
+    """Write an artifact atomically; equal artifacts yield equal bytes."""
     meta = {
         "format": FORMAT,
         "name": artifact.name,
@@ -242,8 +242,8 @@ def read_artifact(path: Path) -> Artifact:
     """Read an artifact.
 
     Raises:
-        ArtifactError: When there is none, it is damaged, lacks a part, is larger than any network may be, or does not
-            match the environments or the robot.
+        ArtifactError: When the file is missing, damaged, incomplete or too large, or does not match the environments
+            or the robot.
     """
     try:
         meta, arrays = unpack(TITLE, read_file(path, MOST_BYTES))
@@ -265,10 +265,10 @@ def read_artifact(path: Path) -> Artifact:
 
 
 def _artifact(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Artifact:
-    """The artifact of a file's parts, where they fit the environments, the robot and each other."""
+    """Make the artifact of a file's parts, after checking them against the environments, the robot and each other."""
     for name in LINES:
         if not (len(meta[name]) <= MOST_LETTERS and meta[name].isprintable()):
-            raise BorderError(f"its {name} is no line of at most {MOST_LETTERS} letters")
+            raise BorderError(f"its {name} is not a line of at most {MOST_LETTERS} characters")
     _check_origin(path, meta)
     for name in TRAINING.keys() & meta["training"].keys():
         require_form(meta["training"][name], TRAINING[name], f"training's {name}")
@@ -297,13 +297,13 @@ def _artifact(path: Path, meta: Mapping[str, Any], arrays: Mapping[str, np.ndarr
 
 
 def _check_origin(path: Path, meta: Mapping[str, Any]) -> None:
-    """Refuse what was learned elsewhere."""
+    """Check that an artifact was learned in this version of an environment and on this robot (`ArtifactError`)."""
     if meta["env_id"] not in ENVIRONMENTS:
         raise ArtifactError(f"{path} was learned in {meta['env_id']}; valid: {', '.join(ENVIRONMENTS)}")
     if meta["model_sha256"] != model_hash():
         raise ArtifactError(f"{path} was learned on another robot model; valid: one learned on the present one")
     for name, value in meta["arguments"].items():
-        # In a file there are only words and numbers; a controller or allocator of one's own is code.
+        # A file contains only text and numbers; a custom controller or allocator is code.
         require_name("argument of the environment", name, ARGUMENT_FORMS)
         require_form(value, ARGUMENT_FORMS[name], name)
     present = interface(meta["env_id"], meta["arguments"])
@@ -317,17 +317,17 @@ def _check_origin(path: Path, meta: Mapping[str, Any]) -> None:
 
 
 def _behind(artifact: Artifact) -> torso.Joints | ExternalForce | None:
-    """What a network is shown behind the observation, besides traces."""
+    """Make the memory whose values follow the observation, before the traces; None if there is none."""
     if artifact.output == "torso":
         return torso.Joints()
     return ExternalForce(float(artifact.rotor_lag[0])) if len(artifact.rotor_lag) else None
 
 
 class LearnedPolicy:
-    """An artifact, acting."""
+    """Policy of an artifact."""
 
     def __init__(self, artifact: Artifact, path: Path | None = None) -> None:
-        """Take it, and the file that it comes from."""
+        """Store the artifact and the path of its file."""
         self.path, self.artifact = path, artifact
         self.name, self.kind, self.training = artifact.name, artifact.kind, dict(artifact.training)
         self.__doc__ = artifact.doc
@@ -336,11 +336,11 @@ class LearnedPolicy:
         self.behind = _behind(artifact)
 
     def arguments(self, env_id: str) -> Mapping[str, Any] | None:
-        """What it was learned with; None elsewhere."""
+        """Return the arguments of `gym.make` in its training; None for other environments."""
         return self.artifact.arguments if env_id == self.artifact.env_id else None
 
     def reset(self, seed: int) -> None:
-        """Forget what was seen before; there is nothing to draw."""
+        """Reset its memory; the policy is deterministic."""
         self._forget()
 
     def _forget(self, *robots: int) -> None:
@@ -349,17 +349,17 @@ class LearnedPolicy:
                 memory.reset(*robots)
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """The network's answer, washed out."""
+        """Return the network's action after the washout."""
         return self.washout(self.artifact.act(self.see(observation)))
 
     def see(self, observation: np.ndarray) -> np.ndarray:
-        """The observation of a tick with what is remembered behind it; once a tick, for memories go on."""
+        """Append the remembered values to an observation; each call advances the memory by a tick."""
         return self.traces(observation if self.behind is None else self.behind(observation))
 
     def reset_batch(self, seeds: Sequence[int]) -> None:
-        """Forget what was seen before of each robot."""
+        """Reset the memory of each robot."""
         self._forget(len(seeds))
 
     def act_batch(self, observations: np.ndarray) -> np.ndarray:
-        """The network's answers, washed out."""
+        """Return the network's actions after the washout."""
         return self.act(observations)

@@ -1,4 +1,4 @@
-"""What a policy chooses of its environment, as data: words, numbers and the configurations of our controllers."""
+"""A policy's arguments of its environment as data: text, numbers and configurations of the package's controllers."""
 
 import json
 from collections.abc import Mapping
@@ -14,10 +14,10 @@ CONFIGS = {config.__name__: config for config in (ControllerConfig, CrawlerConfi
 
 
 def as_data(name: str, value: Any) -> Any:  # noqa: ANN401 - an argument of `gym.make`
-    """An argument as JSON: a configuration is what of it is not by default.
+    """Convert an argument to JSON; a configuration is reduced to the values that differ from its defaults.
 
     Raises:
-        InvalidValueError: For what is no data, as an allocator or a law.
+        InvalidValueError: For an argument that is code, such as an allocator or a law.
     """
     try:
         if type(value) in CONFIGS.values():
@@ -38,10 +38,10 @@ def _changed(config: Any) -> dict[str, Any]:  # noqa: ANN401 - a dataclass
 
 
 def from_data(name: str, value: Any) -> Any:  # noqa: ANN401 - JSON, and an argument of `gym.make`
-    """The argument that JSON stands for.
+    """Convert JSON back to an argument.
 
     Raises:
-        SpidarError: When it stands for none.
+        SpidarError: For JSON that represents no argument.
     """
     if not isinstance(value, dict):
         return _tuples(value)
@@ -56,7 +56,7 @@ def from_data(name: str, value: Any) -> Any:  # noqa: ANN401 - JSON, and an argu
 
 
 def _config(usual: Any, changes: Mapping[str, Any]) -> Any:  # noqa: ANN401 - dataclasses
-    """A configuration with some values changed."""
+    """Return a configuration with some values changed."""
     found = {}
     for name, value in changes.items():
         before = getattr(usual, name)

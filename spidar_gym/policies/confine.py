@@ -1,6 +1,6 @@
-"""A policy in a process of its own, begun as a script: bounds first, then the code that nobody here has read.
+"""Script of a separate process for a policy: it restricts itself, and then runs the policy's untrusted code.
 
-Nothing but the standard library is imported before the bounds stand, so that no thread is outside of them.
+Only the standard library is imported before the restrictions apply, so that they include every thread.
 """
 
 import contextlib
@@ -12,28 +12,28 @@ import signal
 import sys
 
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446
-"""Numbers of its system calls."""
+"""Numbers of Landlock's system calls."""
 WRITES = 1 << 1, *(1 << bit for bit in range(4, 13))
 """Rights that change files: write; remove folders and files; make devices, folders, files, sockets, pipes, links."""
 LATER = {2: 1 << 13, 3: 1 << 14}
-"""Those of later versions: links and moves across folders, and cutting files off."""
+"""Rights of later versions, by version: links and moves across folders, and truncation of files."""
 SCOPED, SCOPES = 6, 0b11
-"""Version from which signals and abstract sockets stay inside too."""
+"""Version that can also restrict signals and abstract sockets, and the flags for both."""
 BENEATH, NEW_PRIVILEGES, DEATH = 1, 38, 1
-"""A rule on a path; and of `prctl`: no new privileges, and a signal when the parent ends."""
+"""Type of a rule on a path; options of `prctl`: no new privileges, and a signal when the parent ends."""
 
 
 def landlock() -> int:
-    """Version of Landlock that the kernel has; 0 where there is none."""
+    """Return the kernel's version of Landlock; 0 without Landlock."""
     if sys.platform != "linux":
         return 0
     return max(0, ctypes.CDLL(None).syscall(CREATE_RULESET, None, ctypes.c_size_t(0), 1))
 
 
 def forbid_writing(*folders: str) -> None:
-    """Nothing of this process changes a file from now on but in these folders; nor does it reach into another process.
+    """Restrict this process to writing in these folders, and keep it from accessing other processes.
 
-    Without Landlock it does nothing (`landlock` says so).
+    Without Landlock (see `landlock`) do nothing.
     """
     version = landlock()
     if not version:
@@ -58,7 +58,7 @@ def forbid_writing(*folders: str) -> None:
 
 
 def confine(scratch: str, memory: int) -> None:
-    """End with the parent; write to `scratch` alone; take so much memory [bytes] at most."""
+    """Restrict this process: it ends with its parent, writes only to `scratch`, and has limited memory [bytes]."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(DEATH, signal.SIGKILL, 0, 0, 0)
     with contextlib.suppress(ValueError, OSError):
@@ -68,11 +68,11 @@ def confine(scratch: str, memory: int) -> None:
 
 
 def main() -> None:
-    """Bounds, then a policy that answers."""
+    """Restrict this process and serve a policy."""
     spec, trust, paths, scratch, memory = json.loads(sys.argv[1])
     del sys.argv[1:]
     inward, outward = os.dup(0), os.dup(1)
-    # What a policy prints or asks for is no message.
+    # Keep the policy's standard input and output apart from the messages.
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
     confine(scratch, memory)

@@ -1,4 +1,4 @@
-"""Policies on a course that say where to go: what they see, as a map, and the action of what they answer."""
+"""Policies on a course that choose targets: conversion of observations to a map and of targets to actions."""
 
 from dataclasses import replace
 from functools import cache
@@ -16,7 +16,7 @@ from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.robot import ROBOT
 
 HERE = 0.5 * FARTHEST
-"""Where the torso is on the map that a policy makes of an observation: only what lies ahead of it counts [m]."""
+"""Position x of the torso on the map of an observation, which contains only the course ahead [m]."""
 
 RANGES = {
     "wall_before": (0.9, 2.2), "wall_passed": (0.8, 1.8), "wall_beyond": (0.1, 0.8), "wall_over": (0.6, 1.3),
@@ -25,12 +25,12 @@ RANGES = {
     "beam_before": (1.2, 1.6), "beam_crawls": (1.9, 3.2), "beam_passed": (1.1, 1.8), "beam_beyond": (0.03, 0.4),
     "goal_crawls": (0.4, 1.5), "above": (0.8, 1.3), "speed": (0.4, 1.5), "near": (0.04, 0.2), "formed": (0.03, 0.2),
 }  # fmt: skip
-"""What −1 and 1 of a learned policy make of each of the rule's numbers; 0 leaves it as it is."""
+"""Values of the rule's numbers at −1 and 1 of a learned policy; 0 is the present value."""
 
 
 @cache
 def _fields() -> dict[str, slice]:
-    """Where each piece of the observation is."""
+    """Return the slice of each field of the observation."""
     found, at = {}, 0
     for field in course_layout(len(ACTION)):
         found[field.name] = slice(at, at + field.size)
@@ -39,10 +39,10 @@ def _fields() -> dict[str, slice]:
 
 
 class Sight:
-    """What a policy sees on a course, as the rule needs it; along the course everything is told from the torso."""
+    """State and map from an observation, as inputs of the rule; x is relative to the torso."""
 
     def __init__(self, observation: np.ndarray) -> None:
-        """Take an observation of the action mode `waypoint`."""
+        """Decode an observation of the action mode `waypoint`."""
         seen = {name: observation[where].astype(float) for name, where in _fields().items()}
         way, side, rise, sine, cosine = seen["goal"].tolist()
         y, z = seen["place"].tolist()
@@ -51,19 +51,19 @@ class Sight:
         tiles = (0.0,) * sum(gate.tile_count for gate in gates)
         goal = Pose2(HERE + way, y + side, wrap(float(np.arctan2(sine, cosine)) + yaw))
         self.course = Course(tuple(gates), goal, tiles, dares=True)
-        """The map, on which the torso is at x = `HERE`."""
+        """Map, on which the torso is at x = `HERE`."""
         self.position_w = np.array([HERE, y, z])
-        """Where the torso is (3,) [m]."""
+        """Position of the torso on the map (3,) [m]."""
         self.joint_position = seen["joint_position"]
-        """q (16,) [rad]."""
+        """Joint angles q (16,) [rad]."""
         self.phase = PHASES[int(np.argmax(seen["phase"]))]
-        """What the manager is doing."""
+        """Phase of the manager."""
         self.floor = z + rise - ROBOT.peg_depth
         """Height of the goal's floor [m]."""
         self.charge = float(seen["charge"][0])
-        """What is left of the battery."""
+        """Charge of the battery, 0 … 1."""
         self.target = _target(seen["target"], seen["previous_action"], self.position_w)
-        """Where it was told to go last, if anywhere."""
+        """Current target, or None."""
 
 
 def _gate(row: np.ndarray, y: float) -> Gate | None:
@@ -75,7 +75,7 @@ def _gate(row: np.ndarray, y: float) -> Gate | None:
 
 
 def _target(row: np.ndarray, action: np.ndarray, position_w: np.ndarray) -> Target | None:
-    """What is followed now: places as they are told, the rest as the last action said."""
+    """Return the current target: position from the observation, other values from the last action."""
     is_there, flies, *way = row.tolist()
     if not is_there:
         return None
@@ -85,24 +85,24 @@ def _target(row: np.ndarray, action: np.ndarray, position_w: np.ndarray) -> Targ
 
 
 class CoursePolicy(PresetPolicy):
-    """Says every half second where to go: by the rule, or whatever a subclass chooses."""
+    """Chooses a target every half second: by the rule, or as a subclass defines."""
 
     def choose(self, sight: Sight) -> Target:
-        """Where to go from here."""
+        """Return the target for the current state."""
         return course_rule(sight.course, sight.position_w, sight.joint_position, sight.phase)
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """The action that stands for what it chooses; on its map, so that what is told may be off by a rounding."""
+        """Return the action of the chosen target; computed on the decoded map, it may differ by rounding."""
         sight = Sight(observation)
         return self.choose(sight).action(sight.course, sight.position_w)
 
     def act_batch(self, observations: np.ndarray) -> np.ndarray:
-        """The same for each."""
+        """Return the action for each observation."""
         return np.array([self.act(observation) for observation in observations])
 
 
 def rule_numbers(answer: np.ndarray) -> RuleNumbers:
-    """The rule's numbers that a network's answer stands for, an entry within ± 1 each, in the order of `RANGES`."""
+    """Convert a network's output, entries within ± 1 in the order of `RANGES`, to the rule's numbers."""
     found = {}
     for (name, (low, high)), share in zip(RANGES.items(), answer.tolist(), strict=True):
         present = getattr(PRESENT, name)
@@ -111,14 +111,14 @@ def rule_numbers(answer: np.ndarray) -> RuleNumbers:
 
 
 def command(answers: np.ndarray, observations: np.ndarray) -> np.ndarray:
-    """The actions of the rule with the numbers that a network answers.
+    """Return the actions of the rule with the numbers of a network's output.
 
     Args:
-        answers: Within ± 1 (…, numbers).
-        observations: Of the action mode `waypoint` (…, size).
+        answers: Outputs within ± 1 (…, numbers).
+        observations: Observations of the action mode `waypoint` (…, size).
 
     Returns:
-        Actions (…, 8) in double precision: with zeros those of the rule, bit for bit.
+        Actions (…, 8) in double precision; for zeros bit for bit the rule's.
     """
     found = []
     for answer, observation in zip(np.atleast_2d(answers), np.atleast_2d(observations), strict=True):

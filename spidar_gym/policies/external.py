@@ -1,4 +1,4 @@
-"""The force that pulls at a flying robot beyond what was commanded: what a policy may remember of a flight."""
+"""Estimate of the external force on a flying robot, a memory of learned policies."""
 
 import numpy as np
 
@@ -10,23 +10,24 @@ from spidar_gym.policies.filters import shares
 from spidar_gym.robot import GRAVITY, ROBOT
 
 SIZE = 9
-"""How many numbers it shows."""
+"""Number of values that it appends to an observation."""
 _FIELDS = layout(0)
 _ENDS = np.cumsum([field.size for field in _FIELDS]).tolist()
 PLACES = {field.name: slice(end - field.size, end) for field, end in zip(_FIELDS, _ENDS, strict=True)}
-"""Where the pieces of a flight's observation are, in every action mode."""
+"""Slices of the fields of a flight's observation, in every action mode."""
 
 
 class ExternalForce:
-    """What of a robot's acceleration its commands and its weight do not explain, as a force in torso axes.
+    """Part of a robot's acceleration that commands and weight do not explain, as a force in torso axes.
 
-    m (v − v₋)/dt − f + m g, with the mass of the description, the velocity v of the CoG that is seen, and the commanded
-    force f behind a first-order model of the rotors: what a momentum observer [DeLuca2006] low-passes, as do `Traces`
-    here. A residual is among the commands, so it is not mistaken for wind. The reference is at rest and level.
+    It is m (v − v₋)/dt − f + m g, with the described mass m, the observed velocity v of the CoG, and the commanded
+    force f after a first-order model of the rotors. A momentum observer [DeLuca2006] low-passes this quantity, as
+    `Traces` do here. The commands include residuals, which are therefore not mistaken for wind. The reference is
+    assumed to be at rest and level.
     """
 
     def __init__(self, lag: float) -> None:
-        """Begin.
+        """Reset the estimate.
 
         Args:
             lag: Time constant of the rotors [s].
@@ -36,26 +37,26 @@ class ExternalForce:
         """
         require_above("0", lag=lag)
         self.share = float(shares("lag", np.array([lag]))[0])
-        """Share of the way to the commanded force that the model goes in a tick."""
+        """Share by which the model approaches the commanded force per tick."""
         self.reset()
 
     def reset(self, *robots: int) -> None:
-        """Forget what was seen, of one robot or of so many."""
+        """Reset the memory, of one robot or of a number of robots."""
         self.velocity, self.force, self.first = (np.full((*robots, 3), np.nan) for _ in range(3))
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        """The observation with `SIZE` numbers behind it.
+        """Append `SIZE` numbers to an observation.
 
         Args:
-            observation: Of a flight, shape (…, size).
+            observation: Observation of a flight, shape (…, size).
 
         Returns:
-            Behind it the force [N], the same without its signs, and the position's integral as it was first [m s],
-            without its signs, which tells how much was known to pull before; three each. There is no force at first.
+            The observation followed by the force [N], its absolute values, and the absolute values of the position's
+            initial integral [m s], a measure of the initially known force; three each. The first force is 0.
         """
         seen = {name: observation[..., place].astype(float) for name, place in PLACES.items()}
         x, y = -seen["attitude_error"][..., 1], seen["attitude_error"][..., 0]
-        up = np.stack([-x, -y, np.ones_like(x)], axis=-1)  # of the world, to first order
+        up = np.stack([-x, -y, np.ones_like(x)], axis=-1)  # of the world, to first order in the attitude error
         velocity, force = -seen["velocity_error"], commanded_force(seen)
         begun = ~np.isnan(self.velocity)
         self.force = np.where(begun, self.force + self.share * (force - self.force), force)
@@ -67,10 +68,10 @@ class ExternalForce:
 
 
 def commanded_force(seen: dict[str, np.ndarray]) -> np.ndarray:
-    """Total of the last commands' thrusts in torso axes (…, 3) [N], where the joints are measured.
+    """Return the sum of the last commanded thrusts in torso axes (…, 3) [N], at the measured joint angles.
 
     Args:
-        seen: Pieces of the observation by name.
+        seen: Fields of the observation by name.
     """
     directions = torso.directions(seen["vectoring_command_sine"], seen["vectoring_command_cosine"])
     forces_l = seen["thrust_command"][..., None] * directions

@@ -1,4 +1,4 @@
-"""A policy from outside the package: it runs in a process of its own, which knows what it is told and nothing else."""
+"""Client of a policy from outside the package, which runs in a separate process and receives only observations."""
 
 import contextlib
 import json
@@ -26,34 +26,34 @@ from spidar_gym.policies.policy import Policy
 from spidar_gym.policies.source import PolicyError, is_own, source_file
 
 START_S = 120.0
-"""How long its process may take to begin and to say what the policy is [s]."""
+"""Time limit for starting the process and describing the policy [s]."""
 MEMORY = 2**34
-"""Most memory that the process may ask for [bytes]: address space, of which frameworks take more than they use."""
+"""Limit of the process's address space, of which frameworks reserve more than they use [bytes]."""
 ODD = re.compile(r"gave [\w<>=|, \[\]'().]{1,300}")
-"""What it may say of an answer that is no array of numbers."""
+"""Allowed descriptions of an answer that is not an array of numbers."""
 
 
 class GuestError(PolicyError):
-    """What went wrong in the process of a policy, in words that follow its name and place."""
+    """A failure in the process of a policy; the message follows the policy's name and place."""
 
 
 class Guest:
-    """A policy in a process of its own: what comes back are its description and its actions, as data."""
+    """A policy in a separate process, which returns its description and its actions as data."""
 
     def __init__(self, spec: str, *, trust: bool = False) -> None:
-        """Start the process, and ask what the policy is.
+        """Start the process and request the policy's description.
 
         Args:
             spec: `module:Class`, or a zip of Stable-Baselines3.
             trust: Whether a zip may be loaded.
 
         Raises:
-            PolicyError: When there is none, it does not start, or does not say in time what it is.
+            PolicyError: When there is no such policy, it does not start, or does not respond in time.
         """
         self.path = source_file(spec)
-        """The file that it comes from."""
+        """File of the policy."""
         self.limit_s = START_S
-        """How long an answer may take [s]."""
+        """Time limit of an answer [s]."""
         self._owner = os.getpid()
         scratch = tempfile.mkdtemp(prefix="spidar-policy-")
         script = [sys.executable, "-P", *(["-B"] if sys.dont_write_bytecode else []), confine.__file__]
@@ -74,23 +74,23 @@ class Guest:
         self.name, self.kind, self.__doc__ = (str(said.get(key, "")) for key in ("name", "kind", "doc"))
         self.training = said.get("training") if isinstance(said.get("training"), dict) else None
         self.in_batches = said.get("batches") is True
-        """Whether it can act for many robots at once."""
+        """Whether the policy can act for many robots at once."""
         self._arguments: Any = said.get("arguments")
 
     @property
     def is_open(self) -> bool:
-        """Whether its process can still be asked by this one."""
+        """Whether the process runs and belongs to this one."""
         return self._owner == os.getpid() and self._end.alive and not _has_ended(self._process)
 
     def close(self) -> None:
-        """End the process, and what it has started with it."""
+        """End the process and its child processes."""
         self._end()
 
     def arguments(self, env_id: str) -> Mapping[str, Any] | None:
-        """What it asks of an environment; None where it is not defined.
+        """Return the policy's arguments of an environment; None where it is not defined.
 
         Raises:
-            PolicyError: When it refused to say so, or asks for what is no data.
+            PolicyError: When the policy raised an error, or its arguments are not data.
         """
         try:
             said = self._arguments[env_id]
@@ -102,7 +102,7 @@ class Guest:
             raise PolicyError(f"policy {self.name}: its process did not say what it asks of {env_id}") from error
 
     def begin(self, action_size: int) -> None:
-        """A policy that has seen nothing before, and knows how long an action is."""
+        """Load the policy anew in its process, with the length of an action."""
         self._ask("begin", action_size)
 
     def reset(self, seed: int) -> None:
@@ -110,7 +110,7 @@ class Guest:
         self._ask("reset", seed)
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """Its action."""
+        """Return the policy's action."""
         return self._numbers("act", observation)
 
     def reset_batch(self, seeds: Sequence[int]) -> None:
@@ -118,7 +118,7 @@ class Guest:
         self._ask("reset_batch", list(seeds))
 
     def act_batch(self, observations: np.ndarray) -> np.ndarray:
-        """Its actions."""
+        """Return the policy's actions."""
         return self._numbers("act_batch", observations)
 
     def _numbers(self, call: str, seen: np.ndarray) -> np.ndarray:
@@ -129,7 +129,7 @@ class Guest:
         return array
 
     def _ask(self, call: str, *given: Any, seen: np.ndarray | None = None) -> tuple[dict[str, Any], np.ndarray | None]:  # noqa: ANN401 - JSON
-        """An answer of its process, which ends with whatever goes wrong with it."""
+        """Return an answer of the process; a time-out or a broken connection ends the process."""
         if not self.is_open:
             raise GuestError(f"its process has ended before {call}()")
         try:
@@ -140,7 +140,7 @@ class Guest:
             raise GuestError(f"took longer than {self.limit_s:g} s in {call}()") from None
         except BorderError as error:
             raise GuestError(f"{self._fate(str(error))} in {call}()") from error
-        except BaseException:  # interrupted between a question and its answer
+        except BaseException:  # interrupted between request and answer
             self.close()
             raise
         if "refused" in words:
@@ -148,7 +148,7 @@ class Guest:
         return words, array
 
     def _fate(self, error: str) -> str:
-        """What became of the process, in words."""
+        """End the process and return its failure in words."""
         ended = _has_ended(self._process, 1.0)
         self.close()
         code = self._process.returncode
@@ -158,7 +158,7 @@ class Guest:
 
 
 def _has_ended(process: subprocess.Popen[bytes], within_s: float = 0.0) -> bool:
-    """Whether a process has ended, or does so in time; its number stays its own until `_end` has used it."""
+    """Return whether a process ends within a time; it is not reaped, so that its id is not reused before `_end`."""
     end = time.monotonic() + within_s
     while process.returncode is None and not os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT):
         if time.monotonic() >= end:
@@ -168,7 +168,7 @@ def _has_ended(process: subprocess.Popen[bytes], within_s: float = 0.0) -> bool:
 
 
 def _end(process: subprocess.Popen[bytes], scratch: str, owner: int) -> None:
-    """End a process and those that it has started; a fork of its owner has none to end."""
+    """End a process and its child processes; do nothing in a fork of its owner."""
     if os.getpid() != owner:
         return
     with contextlib.suppress(ProcessLookupError):
@@ -185,9 +185,9 @@ _open: dict[str, Guest] = {}
 
 
 def open_policy(spec: str, *, trust: bool = False) -> Policy:
-    """A policy that the benchmark can play: our own in this process, any other in one of its own.
+    """Open a policy for the benchmark: the package's in this process, any other in a separate one.
 
-    The same name gives the same process until another one's policy is opened, or `close_guests` is called.
+    A name returns the same process until another policy from outside is opened, or `close_guests` is called.
 
     Args:
         spec: As for `load_policy`.
@@ -214,5 +214,5 @@ def close_guests() -> None:
 
 
 def keeps_to_itself(spec: str) -> bool:
-    """Whether nothing that runs for a policy can write what is kept of it."""
+    """Return whether the policy's code cannot write to stored results."""
     return is_own(spec) or confine.landlock() > 0

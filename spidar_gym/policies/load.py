@@ -9,17 +9,17 @@ from spidar_gym.policies.source import ARTIFACT, ZIP, PolicyError, artifact_file
 
 
 def load_policy(spec: str, *, trust: bool = False) -> Policy:
-    """The policy that a name stands for.
+    """Load a policy by name.
 
     Args:
-        spec: `module:Class`, or the path of a learned policy's artifact, `*.npz`, or of a model that
-            Stable-Baselines3 saved, `*.zip`. Modules are looked for in the working folder too, but for the committed
-            baselines; a path `baselines/learned/…` that the working folder lacks is that of the committed artifact. Its
-            code runs: where the name is from a file and not from the user, the caller asks `is_own` first.
-        trust: Whether a zip may be loaded, which runs whatever code is in it.
+        spec: `module:Class`, or the path of a learned policy's artifact, `*.npz`, or of a model that Stable-Baselines3
+            saved, `*.zip`. The working folder is searched for modules too, except for committed baselines. A path
+            `baselines/learned/…` that the working folder lacks is that of the committed artifact. The policy's code is
+            run: if the name is from a file and not from the user, call `is_own` first.
+        trust: Whether a zip may be loaded, which runs any code in it.
 
     Raises:
-        PolicyError: When there is none, it does not start, or it lacks `reset` or `act`; for a zip without trust.
+        PolicyError: For a zip without trust; when a policy does not exist, raises an error, or lacks `reset` or `act`.
         SpidarError: When an artifact does not match this version of the environments.
         MissingDependencyError: For a zip without the extra `train`.
     """
@@ -47,7 +47,7 @@ def _load_zip(spec: str, trust: bool) -> Policy:
             f"policy {spec}: a zip of Stable-Baselines3 can run code; valid: --trust, if you trust who made it, or an "
             f"artifact *{ARTIFACT}"
         )
-    # When it is asked for: the library works without the learning frameworks that this loads.
+    # Imported late so that the package works without learning frameworks.
     from spidar_gym.policies.stable import StablePolicy
 
     return StablePolicy(Path(spec))

@@ -1,4 +1,4 @@
-"""Messages between a policy in a process of its own and its caller: JSON and at most one array of numbers, no code."""
+"""Messages between a policy's process and its caller: JSON and at most one array of numbers, no code."""
 
 import json
 import math
@@ -19,29 +19,29 @@ MOST_WORDS, MOST_ARRAY = 2**20, 2**24
 NUMBERS = re.compile(r"[<>=|]?[fiu](1|2|4|8|16)")
 """Types of an array's numbers."""
 SIZES = struct.Struct(">II")
-"""What a message begins with: lengths of its JSON and of its array [bytes]."""
+"""Head of a message: lengths of its JSON and of its array [bytes]."""
 CLOSED = "the line is closed"
 
 
 class LateError(Exception):
-    """A message that did not come, or was not taken, in time."""
+    """A message that was not received or sent in time."""
 
 
 class Line:
     """One end of two pipes."""
 
     def __init__(self, inward: int, outward: int) -> None:
-        """Take the file descriptors to read from and to write to."""
+        """Store the file descriptors to read from and to write to."""
         self._inward, self._outward = inward, outward
         for end in (inward, outward):
             os.set_blocking(end, False)
 
     def send(self, words: Mapping[str, Any], array: np.ndarray | None = None, limit_s: float | None = None) -> None:
-        """Send a message within a time [s]; without one, whenever it is taken.
+        """Send a message within a time limit [s], or without a limit.
 
         Raises:
-            LateError: When it is not taken in time.
-            BorderError: Where the other end is closed.
+            LateError: When the time limit is exceeded.
+            BorderError: When the other end is closed.
         """
         data = b"" if array is None else array.tobytes()
         if array is not None:
@@ -58,11 +58,11 @@ class Line:
                 raise BorderError(CLOSED) from error
 
     def receive(self, limit_s: float | None = None) -> tuple[dict[str, Any], np.ndarray | None]:
-        """The next message, whose parts are what they have to be, whoever sent it.
+        """Receive and validate the next message.
 
         Raises:
-            LateError: When it is not there in time [s].
-            BorderError: Where the other end is closed, or for what is no message.
+            LateError: When the time limit [s] is exceeded.
+            BorderError: When the other end is closed, or for an invalid message.
         """
         end = _end(limit_s)
         words_size, array_size = SIZES.unpack(self._read(SIZES.size, end))
@@ -70,13 +70,13 @@ class Line:
             raise BorderError(f"a message of {words_size + array_size} bytes")
         words = parse_json(self._read(words_size, end))
         if not isinstance(words, dict):
-            raise BorderError("a message that is no object")
+            raise BorderError("a message that is not an object")
         data = self._read(array_size, end)
         if not ("dtype" in words or array_size):
             return words, None
         dtype, shape = words.pop("dtype", None), words.pop("shape", None)
         if not (isinstance(dtype, str) and NUMBERS.fullmatch(dtype) and _is_shape(shape)):
-            raise BorderError("an array that is none of numbers")
+            raise BorderError("an array of other types than numbers")
         try:
             # A copy: the receiver may write to it.
             return words, np.frombuffer(data, dtype).reshape(shape).copy()
@@ -108,7 +108,7 @@ def _end(limit_s: float | None) -> float:
 
 
 def _wait(line: int, event: int, end: float) -> None:
-    """Wait until a line can be read from or written to, or closed."""
+    """Wait until a pipe can be read from or written to, or is closed (`LateError` after `end`)."""
     poll = select.poll()
     poll.register(line, event)
     left = None if end == math.inf else max(0.0, 1e3 * (end - time.monotonic()))

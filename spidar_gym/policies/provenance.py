@@ -1,4 +1,4 @@
-"""What a result rests on: versions of packages, the processor, hashes of files."""
+"""Provenance of a result: versions of packages, the processor, hashes of files."""
 
 import hashlib
 import platform
@@ -8,11 +8,11 @@ from pathlib import Path
 import spidar_gym
 
 PACKAGES = ("mujoco", "numpy", "scipy", "pin", "osqp", "gymnasium")
-"""Packages whose versions stand in a row, beside Python's and our own."""
+"""Packages whose versions a row contains, besides Python and this package."""
 
 
 def versions(*more: str) -> dict[str, str]:
-    """Versions of what the numbers rest on, and of `more` packages."""
+    """Return the versions of Python, this package, `PACKAGES` and `more` packages."""
     found = {"python": platform.python_version(), "spidar-gym": spidar_gym.__version__}
     for package in (*PACKAGES, *more):
         try:
@@ -23,7 +23,7 @@ def versions(*more: str) -> dict[str, str]:
 
 
 def processor() -> str:
-    """Family of the processor: what decides which machine code numpy and its libraries choose."""
+    """Return the family of the processor, which determines the machine code that NumPy and its libraries select."""
     words = {}
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
@@ -37,7 +37,7 @@ def processor() -> str:
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a file; empty where it cannot be read."""
+    """Return the SHA-256 of a file; empty if it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""One episode: an environment, who acts in it, and what happens in every control period."""
+"""Run one episode of an environment with a policy, and yield every step."""
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,24 +11,24 @@ from spidar_gym.policies.policy import Policy
 
 
 class Step(NamedTuple):
-    """One control period of an episode."""
+    """One step of an episode."""
 
     observation: Any
-    """What was seen before the action."""
+    """Observation before the action."""
     action: np.ndarray
-    """What was done, in [−1, 1]."""
+    """Action, in [−1, 1]."""
     reward: float
-    """Reward of this period."""
+    """Reward of the step."""
     next_observation: Any
-    """What is seen after it."""
+    """Observation after the action."""
     terminated: bool
-    """Whether it ended in a failure."""
+    """Whether the episode ended in a failure."""
     truncated: bool
-    """Whether the time is up; only what `gymnasium.make` returns knows that, not the environment without wrappers."""
+    """Whether the episode was truncated; without the wrappers of `gymnasium.make` it may not be."""
     info: dict[str, Any]
-    """The environment's `info` after it."""
+    """The environment's `info` after the action."""
     seconds: float
-    """How long the environment took for it [s]."""
+    """Wall time of the environment's step [s]."""
 
     @property
     def finished(self) -> bool:
@@ -46,22 +46,21 @@ def rollout(
     ticks: int | None = None,
     until_finished: bool = True,
 ) -> Iterator[Step]:
-    """Reset an environment at once, and play the episode as the steps are asked for.
+    """Reset an environment immediately, and run the episode step by step as the caller iterates.
 
-    Whoever iterates records what is wanted of each step and of the environment, which stands right after it, and may
-    stop whenever enough was seen.
+    During an iteration the environment is in the state after the yielded step. The caller may stop at any step.
 
     Args:
         env: Environment, with or without wrappers.
-        policy: Who acts; None for the zero action, which is the environment's controller alone.
+        policy: The policy; None for the zero action, which is the environment's controller alone.
         seed: Seed of the episode.
-        policy_seed: Seed of what the policy draws; the episode's by default.
+        policy_seed: Seed of the policy; the episode's by default.
         options: Options of `reset`.
-        ticks: Most steps; without a limit the environment has to end the episode.
-        until_finished: Whether a crawl ends when it has arrived.
+        ticks: Largest number of steps; without a limit the environment must end the episode.
+        until_finished: Whether to end a crawl when it has arrived.
 
     Returns:
-        The steps, up to the one with which the episode ends.
+        The steps up to the end of the episode.
     """
     observation, _ = env.reset(seed=seed, options=options)
     if policy is not None:
@@ -79,7 +78,7 @@ def _steps(
     action, played = np.zeros(env.action_space.shape or ()), 0
     while ticks is None or played < ticks:
         if policy is not None:
-            # A copy: what a policy does to its observation changes nothing in the records.
+            # A copy, so that the policy cannot change the recorded observation.
             action = policy.act(observation.copy())
         begin = time.perf_counter()
         after, reward, terminated, truncated, info = env.step(action)
@@ -92,5 +91,5 @@ def _steps(
 
 
 def columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
-    """Records of steps as arrays: name → (steps, …)."""
+    """Convert records of steps to arrays (steps, …) by name."""
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}

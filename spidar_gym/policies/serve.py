@@ -1,4 +1,4 @@
-"""What the process of a policy does: it answers with data, whatever the policy's code may be."""
+"""Server of a policy in its own process, which returns only data."""
 
 import contextlib
 import inspect
@@ -21,7 +21,7 @@ LONGEST = 2000
 
 
 def serve(spec: str, trust: bool, inward: int, outward: int) -> None:
-    """Answer until the line is closed.
+    """Answer requests until the pipe is closed.
 
     Args:
         spec: The policy.
@@ -32,7 +32,7 @@ def serve(spec: str, trust: bool, inward: int, outward: int) -> None:
     line, loaded = Line(inward, outward), list[Any]()
 
     def begin(size: int) -> None:
-        """A policy that has seen nothing before."""
+        """Load the policy anew."""
         loaded[:] = [load_policy(spec, trust=trust)]
         if hasattr(loaded[0], "begin"):
             loaded[0].begin(size)
@@ -45,7 +45,7 @@ def serve(spec: str, trust: bool, inward: int, outward: int) -> None:
         "act": lambda seen: loaded[0].act(seen),
         "act_batch": lambda seen: loaded[0].act_batch(seen),
     }
-    with contextlib.suppress(BorderError):  # the line is closed
+    with contextlib.suppress(BorderError):  # the pipe is closed
         while True:
             request, seen = line.receive()
             what, given = request["call"], request.get("given", [])
@@ -64,7 +64,7 @@ def serve(spec: str, trust: bool, inward: int, outward: int) -> None:
 
 
 def _numbers(answer: Any) -> tuple[dict[str, Any], np.ndarray | None]:  # noqa: ANN401 - a policy's
-    """Actions as an array; what is none is told of."""
+    """Return actions as an array, or a description of an answer that is not an array of numbers."""
     array = np.asarray(answer)
     if not NUMBERS.fullmatch(array.dtype.str) or array.nbytes > MOST_ARRAY:
         return {"odd": f"gave {array.dtype} of shape {array.shape}"[:LONGEST]}, None
@@ -72,7 +72,7 @@ def _numbers(answer: Any) -> tuple[dict[str, Any], np.ndarray | None]:  # noqa: 
 
 
 def describe(policy: Policy) -> dict[str, Any]:
-    """What a policy says of itself, as data."""
+    """Return the description of a policy as data."""
     arguments: dict[str, Any] = {}
     for env_id in ENVIRONMENTS:
         try:
@@ -93,7 +93,7 @@ def describe(policy: Policy) -> dict[str, Any]:
 
 
 def _training(policy: Policy) -> Mapping[str, Any] | None:
-    """What it says of its training, where that is data."""
+    """Return the policy's `training` if it is data, else None."""
     try:
         found = json.loads(json.dumps(getattr(policy, "training", None), allow_nan=False))
     except (TypeError, ValueError):

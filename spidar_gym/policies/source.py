@@ -1,4 +1,4 @@
-"""Where a policy's name leads: the file that would run, found without running any, and whether it is our own."""
+"""Resolution of a policy's name to its file, without running any code, and whether that code is the package's."""
 
 import importlib
 import importlib.util
@@ -11,22 +11,22 @@ from spidar_gym.committed import BASELINES, LEARNED, PACKAGE, ROOT, artifact_pat
 from spidar_gym.errors import InvalidValueError, SpidarError
 
 ARTIFACT = ".npz"
-"""A policy whose name ends like this is the artifact of a learned one: numbers and JSON, no code."""
+"""Suffix of the artifact of a learned policy: numbers and JSON, no code."""
 ZIP = ".zip"
-"""A policy whose name ends like this is a model that Stable-Baselines3 saved, with pickles, which are code."""
+"""Suffix of a model that Stable-Baselines3 saved, with pickles, which are code."""
 
 
 class PolicyError(SpidarError):
-    """A policy that is not found, raised, took too long, or answered with something that is no action."""
+    """A policy that is not found, raises an error, exceeds its time limit, or returns an invalid action."""
 
 
 def module_of(spec: str) -> tuple[str, str]:
-    """Module and class of a specification `module:Class`."""
+    """Return the module and the class of a specification `module:Class`."""
     return split_name("policy", spec, f"module:Class, or the path of an artifact *{ARTIFACT} or of a model *{ZIP}")
 
 
 def split_name(what: str, name: str, valid: str = "module:Class") -> tuple[str, str]:
-    """Module and class of `module:Class`, the name of `what` (`InvalidValueError` for anything else)."""
+    """Return the module and the class of `module:Class`, the name of `what` (`InvalidValueError` for another form)."""
     module, _, own = name.partition(":")
     if not all(part.isidentifier() for part in (*module.split("."), own)):
         raise InvalidValueError(what, name, valid)
@@ -34,14 +34,14 @@ def split_name(what: str, name: str, valid: str = "module:Class") -> tuple[str, 
 
 
 def is_own(spec: str) -> bool:
-    """Whether nothing but our own code runs for it: the package's, a committed baseline's, or none, for an artifact."""
+    """Return whether a policy runs only code of the package or a committed baseline, or none, as an artifact."""
     if spec.endswith(ZIP):
         return False
     return spec.endswith(ARTIFACT) or _home(module_of(spec)[0].split(".")[0]) is not None
 
 
 def _home(package: str) -> Path | None:
-    """Folder that a package of our own lies in; None for one of anybody else."""
+    """Return the folder that contains a top-level package of this repository; None for other packages."""
     if package == PACKAGE.name:
         return PACKAGE.parent
     ours = (ROOT / "assets").is_dir() and (ROOT / BASELINES / "__init__.py").is_file()
@@ -49,10 +49,10 @@ def _home(package: str) -> Path | None:
 
 
 def artifact_file(path: Path) -> Path:
-    """The file of an artifact: that of the working folder, or else the committed one of that name.
+    """Return the file of an artifact: that in the working folder, or else the committed one of that name.
 
     Raises:
-        PolicyError: For a name of a committed one that there is not.
+        PolicyError: For the name of a committed artifact that does not exist.
     """
     found = committed(path)
     if found.parts[:2] == tuple(LEARNED.split("/")) and not found.exists():
@@ -61,10 +61,10 @@ def artifact_file(path: Path) -> Path:
 
 
 def source_file(spec: str) -> Path:
-    """The file that a policy comes from; nothing of it, and of the packages that it lies in, is run.
+    """Return the file of a policy, without running code of it or its packages.
 
     Raises:
-        PolicyError: When there is none.
+        PolicyError: When there is no such file.
     """
     if spec.endswith(ARTIFACT):
         return artifact_file(Path(spec))
@@ -77,13 +77,13 @@ def source_file(spec: str) -> Path:
 
 
 def find_module(name: str) -> list[ModuleSpec]:
-    """A module and the packages that it lies in, the outermost first, found without importing any.
+    """Find a module and its packages, the outermost first, without importing any.
 
-    Our own are taken from where they lie (`spidar_gym.committed`), whatever folder one works in has the same name;
-    others from the working folder first, then from where Python looks.
+    Packages of this repository are found at their own location (`spidar_gym.committed`), even if the working folder has
+    a folder of the same name. Others are searched in the working folder first, then in Python's path.
 
     Raises:
-        PolicyError: When there is none.
+        PolicyError: When there is no such module.
     """
     importlib.invalidate_caches()
     package = name.split(".")[0]
@@ -103,7 +103,7 @@ def find_module(name: str) -> list[ModuleSpec]:
 
 
 def _hooked(name: str) -> ModuleSpec | None:
-    """A top-level module that only an import hook finds, as those of some editable installations."""
+    """Find a top-level module by import hooks, as some editable installations need."""
     try:
         return importlib.util.find_spec(name)
     except (ImportError, ValueError):
@@ -111,12 +111,12 @@ def _hooked(name: str) -> ModuleSpec | None:
 
 
 def load_module(name: str) -> ModuleType:
-    """Import a module from just the file that `source_file` names.
+    """Import a module from exactly the file that `source_file` returns.
 
-    Where it lies in the working folder, that folder is looked through from then on, as Python does for a script.
+    The folder of a module from outside this repository is added to `sys.path`, as Python does for a script.
 
     Raises:
-        PolicyError: When there is none, or another one of that name has been imported before.
+        PolicyError: When there is no such module, or another one of that name is already imported.
     """
     chain = find_module(name)
     origin, package = chain[0].origin, chain[0].submodule_search_locations is not None

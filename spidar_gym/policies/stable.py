@@ -1,4 +1,4 @@
-"""The policy of a zip that Stable-Baselines3 saved: the one module of policies that needs a learning framework."""
+"""Policies from zips of Stable-Baselines3; the only module of this folder that needs a learning framework."""
 
 import json
 import pickle
@@ -26,31 +26,31 @@ except ImportError as error:
 STATISTICS = "vecnormalize.pkl"
 """File beside a zip with the statistics of the `VecNormalize` that its model learned through."""
 PARTS = ("policy_class", "policy_kwargs", "use_sde", "observation_space", "action_space")
-"""What a policy is made from, of all that a zip holds of its algorithm."""
+"""Entries of a zip from which a policy is made."""
 
 
 class StablePolicy:
-    """The policy of a model that Stable-Baselines3 saved, of whatever algorithm, acting without noise.
+    """Policy of a model that Stable-Baselines3 saved, of any algorithm, without exploration noise.
 
-    Wrappers of an environment are not in a zip; only those of `VecNormalize` are made up for.
+    A zip does not contain the environment's wrappers; only `VecNormalize` is applied.
     """
 
     kind = "learned"
     """Class of its row."""
 
     def __init__(self, path: str | Path) -> None:
-        """Load it, which runs whatever code is in its pickles: only from whom you trust.
+        """Load a zip. This runs any code in its pickles: load only zips from sources that you trust.
 
         Args:
-            path: The zip that `model.save` wrote. Where the model learned through `VecNormalize`, what `env.save` wrote
-                lies beside it as `vecnormalize.pkl`, another pickle.
+            path: The zip that `model.save` wrote. If the model was trained with `VecNormalize`, the file of `env.save`
+                must be beside it as `vecnormalize.pkl`, another pickle.
 
         Raises:
-            PolicyError: When there is none, it is damaged, or the statistics are missing.
+            PolicyError: When the zip is missing or damaged, or the statistics are missing.
         """
         self.path = Path(path)
         self.name = re.sub(r"[^\w-]", "_", self.path.stem)[:NAME]
-        """Name of the file, in characters that a name may have."""
+        """Name of the file, restricted to the characters of a policy's name."""
         self._state: Any = None
         try:
             self._policy, normalised = _read_zip(self.path)
@@ -64,19 +64,19 @@ class StablePolicy:
         self._state = None
 
     def act(self, observation: Any) -> np.ndarray:  # noqa: ANN401 - an array, or a dictionary of them
-        """The action without noise, in [−1, 1]."""
+        """Return the action without noise, in [−1, 1]."""
         seen = observation if self._normalise is None else self._normalise.normalize_obs(observation)
         action, self._state = self._policy.predict(seen, self._state, deterministic=True)
         return action
 
 
 def _read_zip(path: Path) -> tuple[BasePolicy, bool]:
-    """A zip's policy, and whether it learned through `VecNormalize`; no algorithm is made, so any will do."""
+    """Return a zip's policy, and whether it was trained with `VecNormalize`; independent of the algorithm."""
     with zipfile.ZipFile(path) as archive:
         if damaged := archive.testzip():
             raise zipfile.BadZipFile(f"{damaged} is damaged")
         told = json.loads(archive.read("data"))
-    # What is not needed stays packed: schedules, say, are code of one version of Python.
+    # Other entries are not unpickled: schedules, for example, are code for one version of Python.
     packed = {name: None for name in told if name not in PARTS}
     with warnings.catch_warnings():
         warnings.filterwarnings("error", "Could not deserialize")

@@ -282,6 +282,6 @@ def test_a_file_of_no_robot_is_refused_in_one_line(capfd, tmp_path, text, words)
 
 def test_what_was_learned_on_the_nominal_robot_flies_no_other(capfd, tmp_path):
     words = refused(capfd, "run", "--seconds", "0.1", "--policy", LEARNED, "--robot", own_robot(tmp_path))
-    assert "knows the nominal robot alone; valid with a robot of one's own: a preset" in words
+    assert "supports only the nominal robot; valid with a custom robot: a preset" in words
     words = refused(capfd, "run", "--seconds", "0.1", "--policy", "baselines.pinv:Pinv", "--robot", own_robot(tmp_path))
-    assert "knows the nominal robot alone" in words
+    assert "supports only the nominal robot" in words
