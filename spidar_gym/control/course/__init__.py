@@ -1,1 +1,1 @@
-"""Courses: gates that span the field, what a map tells of them, and the rule that chooses gait and form by them."""
+"""Courses: gates that span the field, their map, and the rule that chooses gait and form from it."""

@@ -1,4 +1,4 @@
-"""What a map tells of a course: gates that span the field from side to side, what the goal lies on, and where it is."""
+"""Map of a course: gates and floors that span the field from side to side, and the goal."""
 
 import math
 from collections.abc import Mapping
@@ -9,19 +9,19 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.errors import InvalidValueError, SpidarError, require_flag, require_name, require_within
 
 GATES = ("wall", "beam", "slot")
-"""What is passed: over it, under it (it is closed above, up to the ceiling), through it (as high as the ceiling)."""
+"""Gates are passed: over a wall, under a beam (closed above, up to the ceiling), through a slot (up to the ceiling)."""
 FLOORS = ("platform", "tiles", "slope")
-"""What is stood on; the slope rises along the course."""
+"""Floors are stood on; the slope rises along the course."""
 KINDS = (*GATES, *FLOORS)
-"""They all."""
+"""All kinds of gates and floors."""
 MAX_GATES = 8
-"""Gates and floors that a course has room for."""
+"""Largest number of gates and floors of a course."""
 HALF_WIDTH, CEILING = 3.0, 3.0
-"""The field reaches so far to either side, and up to there [m]."""
+"""Half the width and the height of the field [m]."""
 BEFORE, BEYOND = 2.5, 2.5
-"""So far before the start, and behind the goal or the last gate, whichever is farther [m]."""
+"""Length of the field before the start, and behind the goal or the last gate, whichever is farther [m]."""
 ROW, TILE_ROWS, TILE_COLUMNS = 0.25, 14, 2
-"""Tiles are so long [m]; at most so many rows lie behind each other, each in so many pieces from side to side."""
+"""Length of a row of tiles [m], largest number of rows, and number of tiles in a row."""
 POSSIBLE = {
     "wall": (0.0, 2.0, "m"),
     "beam": (0.5, CEILING, "m"),
@@ -30,11 +30,11 @@ POSSIBLE = {
     "tiles": (0.0, 0.03, "m"),
     "slope": (0.0, math.radians(12.0), "rad"),
 }
-"""Between these sizes a gate can be passed, or a floor stood on, and their unit."""
+"""Range and unit of the sizes with which a gate can be passed, or a floor stood on."""
 ROOM, REACH = 2.4, 1.2
-"""Between two gates is so much room [m]; the robot that lies reaches so far from its middle [m]."""
+"""Smallest distance between two gates, and radius of the lying robot [m]."""
 FARTHEST = 60.0
-"""No course leads farther [m]."""
+"""Largest distance of gates and goal from the start [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,17 +44,17 @@ class Gate:
     kind: str
     """One of `KINDS`."""
     begin: float
-    """Where it begins along the course [m]."""
+    """Begin along the course [m]."""
     end: float
-    """Where it ends [m]."""
+    """End along the course [m]."""
     size: float
-    """Height of a wall or platform, clearance under a beam, width of a slot, of the highest tile [m]; of a slope its
-    angle [rad]."""
+    """Height of a wall, a platform or the highest tile, clearance under a beam, width of a slot [m]; angle of a
+    slope [rad]."""
     middle: float = 0.0
-    """To the left, the middle of a slot [m]."""
+    """Lateral position of the middle of a slot, to the left [m]."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no gate."""
+        """Raise `UnknownNameError` or `InvalidValueError` for an invalid kind, position or size."""
         require_name("gate", self.kind, KINDS)
         require_within(-FARTHEST, FARTHEST, "m", begin=self.begin, end=self.end)
         if not self.begin < self.end:
@@ -65,12 +65,12 @@ class Gate:
 
     @property
     def is_passed(self) -> bool:
-        """Whether it is passed, not stood on."""
+        """Whether it is passed rather than stood on."""
         return self.kind in GATES
 
     @property
     def tile_count(self) -> int:
-        """How many tiles it is made of."""
+        """Number of tiles."""
         return TILE_COLUMNS * round((self.end - self.begin) / ROW) if self.kind == "tiles" else 0
 
 
@@ -79,16 +79,16 @@ class Course:
     """Gates along x in their order, and the pose to reach behind them; the start is at the origin, looking along x."""
 
     gates: tuple[Gate, ...] = ()
-    """In the order in which they are passed."""
+    """Gates and floors in the order in which they are reached."""
     goal: Pose2 = field(default_factory=lambda: Pose2(2.0))
-    """Where the torso is to lie, world."""
+    """Goal pose of the lying torso, world."""
     tiles: tuple[float, ...] = ()
-    """Heights of the tiles, row by row from right to left, where there are some [m]."""
+    """Heights of the tiles, row by row from right to left [m]; empty without tiles."""
     dares: bool = False
-    """Whether gates may be smaller than what passes them, to see what happens."""
+    """Whether sizes outside `POSSIBLE` are allowed, for experiments."""
 
     def __post_init__(self) -> None:
-        """Refuse a course that nobody can go, and a goal that nobody can reach."""
+        """Raise `InvalidValueError` for gates that cannot be passed or a goal that cannot be reached."""
         require_flag(dares=self.dares)
         if len(self.gates) > MAX_GATES:
             raise InvalidValueError("gates", len(self.gates), f"at most {MAX_GATES}")
@@ -113,7 +113,7 @@ class Course:
             raise InvalidValueError("middle", gate.middle, f"a slot between the field's sides at ± {HALF_WIDTH:g} m")
         if gate.kind == "tiles" and not 1 <= gate.tile_count <= TILE_ROWS * TILE_COLUMNS:
             raise InvalidValueError("end", gate.end, f"1 … {TILE_ROWS} rows of tiles of {ROW:g} m")
-        # Behind a beam it takes off before a platform: all of it has to be out there.
+        # Between a beam and a platform the robot takes off, so all of it must be clear of the beam.
         needs_room = (
             before is not None
             and before.is_passed
@@ -140,11 +140,11 @@ class Course:
 
     @property
     def end(self) -> float:
-        """Where the field ends along the course [m]."""
+        """End of the field along the course [m]."""
         return BEYOND + max([self.goal.x, *(gate.end for gate in self.gates)])
 
     def floor_at(self, x: float) -> float:
-        """Height of what is stood on there, the tops of tiles [m]."""
+        """Return the height of the floor at x [m]; for tiles that of the highest tile."""
         for gate in self.gates:
             if not gate.is_passed and gate.begin <= x <= gate.end:
                 return (x - gate.begin) * math.tan(gate.size) if gate.kind == "slope" else gate.size
@@ -155,8 +155,8 @@ class Course:
         return -BEFORE <= x <= self.end and abs(y) <= HALF_WIDTH and z <= CEILING
 
 
-def parse_course(value: Any) -> Course | None:  # noqa: ANN401 - whatever a user gives
-    """A course, or one of a dictionary of lists, as scenario files have it."""
+def parse_course(value: Any) -> Course | None:  # noqa: ANN401 - user input
+    """Return a course, built from a dictionary of lists (the form in scenario files) if necessary."""
     if value is None or isinstance(value, Course):
         return value
     valid = "a Course, or {'gates': [[kind, begin, end, size, middle], …], 'goal': [x, y, yaw], 'tiles': […]}"
@@ -173,7 +173,7 @@ def parse_course(value: Any) -> Course | None:  # noqa: ANN401 - whatever a user
 
 
 def plain_course(course: Course) -> dict[str, Any]:
-    """A course as a dictionary of lists: what `parse_course` reads."""
+    """Convert a course to a dictionary of lists, which `parse_course` reads."""
     gates = [[g.kind, g.begin, g.end, g.size, g.middle] for g in course.gates]
     goal = [course.goal.x, course.goal.y, course.goal.yaw]
     return {"gates": gates, "goal": goal, "tiles": list(course.tiles), "dares": course.dares}

@@ -1,4 +1,4 @@
-"""What a policy sees on a course: the robot, what it is doing, the goal, and the next gates as a map tells them."""
+"""Observation of a policy on a course: state of the robot, phase, goal, and the next gates of the map."""
 
 import math
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import RobotState
 
 AHEAD = 3
-"""So many gates and floors are told, the next first."""
+"""Number of observed gates and floors, the next first."""
 SEEN = 2.0
-"""One is told until the torso is so far behind its end [m]."""
+"""A gate is observed until the torso is this far behind its end [m]."""
 FAR = 20.0
-"""Distances are told up to this [m]."""
+"""Largest observed distance [m]."""
 
 
 def course_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
-    """The observation's pieces in order; positions and velocities are in world axes, as a target is."""
+    """Return the fields of the observation in order; positions and velocities are in world axes, as a target's."""
     gates = tuple(
         Field(f"gate{k + 1}", len(KINDS) + 4, FAR, "1, m or rad",
               f"one of {', '.join(KINDS)} as 1 of {len(KINDS)}; torso → begin, torso → end, size, torso → middle to "
@@ -56,32 +56,32 @@ def course_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ..
 
 @dataclass(frozen=True, slots=True)
 class CourseObservables:
-    """What an observation is made of."""
+    """Inputs of an observation."""
 
     state: RobotState
     """Measured state."""
     course: Course
     """The map."""
     phase: str
-    """What the manager is doing."""
+    """Phase of the manager."""
     target: Target | None
-    """What the pilot follows."""
+    """Target that the pilot follows, if there is one."""
     thrust_command: RotorVector
-    """Last commanded [N]."""
+    """Thrust last commanded [N]."""
     vectoring_command: Vectoring
-    """Last commanded [rad]."""
+    """(φ, θ) last commanded [rad]."""
     joint_command: JointVector
-    """Last commanded [rad]."""
+    """q^d last commanded [rad]."""
     charge: float
-    """What is left of the battery, 0 … 1."""
+    """Charge of the battery, 0 … 1."""
     time_left: float
-    """Share of the episode."""
+    """Remaining share of the episode's time."""
     previous_action: np.ndarray
     """The last action."""
 
 
 def observe_course(seen: CourseObservables, *, bound: np.ndarray, robot: RobotSpec = ROBOT) -> np.ndarray:
-    """The observation in the order of `course_layout`, clipped to ± `bound` (one per number), float32."""
+    """Compute the observation in the order of `course_layout`, clipped to ± `bound` (one per number), float32."""
     state, course, goal, target = seen.state, seen.course, seen.course.goal, seen.target
     x, y, z = state.position_w.tolist()
     R_wb = quat_to_matrix(state.quat_wb)

@@ -1,7 +1,8 @@
-"""The pilot: a target, as often as one likes, made into what the manager of both gaits is told.
+"""The pilot: converts targets, given at any rate, into commands of the manager of both gaits.
 
-Who says where to go every half second need not know what the robot is doing: the pilot takes off where a target flies
-and the robot lies, lands where it does not, and leaves the manager alone where a target says what the last one did.
+A source of targets, for example a policy that acts every half second, need not observe the manager's phase. The pilot
+takes off if the target flies and the robot lies, lands if the target does not fly, and ignores a target that equals the
+last one.
 """
 
 import math
@@ -18,37 +19,37 @@ from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import RobotState
 
 FLY_LOWEST = 0.8
-"""No target in flight is lower than this over a floor, nor over the one that the robot took off from [m]."""
+"""Lowest height of a target in flight above the floor at the target and above the take-off floor [m]."""
 LEAST_RISE = 0.6
-"""A take-off rises at least so far [m]."""
+"""Smallest height of a take-off [m]."""
 SAME_PLACE, SAME_FORM, SAME_SPEED = 0.05, 0.02, 0.05
-"""A flight whose target moves by no more than this goes on [m], [rad], [m/s]."""
+"""A flight continues if its target changes by no more than this [m], [rad], [m/s]."""
 SAME_STEP, SAME_TURN = 0.02, 0.02
-"""So does a crawl [m], [rad]."""
+"""A crawl continues if its target changes by no more than this [m], [rad]."""
 THERE, THERE_TURN = 0.008, 0.015
-"""A robot that lies so close to its target stays [m], [rad]."""
+"""A lying robot does not move if it is this close to its target [m], [rad]."""
 
 
 class Pilot:
-    """Follows targets with a manager."""
+    """Follows targets by commands to a manager."""
 
     def __init__(self, manager: Orders) -> None:
-        """Tell this manager what to do."""
+        """Set the manager that receives the commands."""
         self.manager = manager
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last target."""
+        """Clear the last target."""
         self.last: Target | None = None
         """The target that is followed."""
 
     def follow(self, target: Target, state: RobotState, course: Course) -> None:
-        """Have the manager do what the target says.
+        """Command the manager to follow a target.
 
         Args:
-            target: Where to, and how.
-            state: What is seen of the robot.
-            course: Where floors are.
+            target: The target.
+            state: Measured state of the robot.
+            course: Map, for the heights of floors.
         """
         phase, last = self.manager.phase, self.last
         if target.flies:

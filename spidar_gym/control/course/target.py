@@ -1,4 +1,4 @@
-"""A target: where to, by which gait, in which form; a few numbers, which an action of a policy stands for."""
+"""Targets: position, gait and form as a few numbers, and their conversion to and from actions of a policy."""
 
 import math
 from dataclasses import dataclass
@@ -12,38 +12,38 @@ from spidar_gym.errors import InvalidValueError, require_flag, require_within
 from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS
 
 STRETCHED, BELOW = (tuple(FORMS[form][: N_JOINTS // N_LEGS].tolist()) for form in ("form1", "form3"))
-"""Joint angles of every leg in the forms between which a target chooses [rad]."""
+"""Joint angles of every leg in the two forms between which a target interpolates [rad]."""
 SWEEP = 0.4
-"""Legs sweep forward and back by up to this much [rad]."""
+"""Largest sweep of the legs forward and back [rad]."""
 TURNS = (-1.0, 1.0, -1.0, 1.0)
-"""Which way a leg's first joint turns it to front or back: left front, left hind, right hind, right front."""
+"""Signs of the legs' first joints for a sweep: left front, left hind, right hind, right front."""
 WAY, MARGIN = 5.5, 0.3
-"""An action of 1 is so far from the torso [m]; what it stands for stays so far inside the field [m]."""
+"""Distance from the torso of an action of 1, and margin of its target to the sides of the field [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where to, and how."""
+    """Target of a movement: gait, position, speed and form."""
 
     flies: bool = False
-    """Whether in the air; else on the floor, after a landing if need be."""
+    """Whether the target is in the air; otherwise the robot lands if necessary and crawls to it."""
     x: float = 0.0
-    """World; of the centre of mass in the air, of the torso on the floor [m]."""
+    """x of the centre of mass in the air, of the torso on the floor, world [m]."""
     y: float = 0.0
-    """To the left [m]."""
+    """y, to the left [m]."""
     z: float = 0.0
     """Height of the centre of mass in the air [m]."""
     yaw: float = 0.0
-    """Heading on the floor [rad]; in the air it stays what it was there."""
+    """Heading on the floor [rad]; a flight does not change the heading."""
     speed: float = 0.5
     """Speed of the flight [m/s]."""
     narrow: float = 0.0
     """From 0, form ① with its legs stretched out, to 1, form ③ with its legs below."""
     sweep: float = 0.0
-    """How far the front legs turn to the front, and the hind legs to the back [rad]."""
+    """Angle by which the front legs turn to the front, and the hind legs to the back [rad]."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no target."""
+        """Raise `InvalidValueError` for numbers out of range."""
         require_flag(flies=self.flies)
         require_within(-1e3, 1e3, "m", x=self.x, y=self.y, z=self.z)
         require_within(-1e3, 1e3, "rad", yaw=self.yaw)
@@ -53,21 +53,21 @@ class Target:
 
     @property
     def form(self) -> JointVector:
-        """Joint angles on the way [rad]."""
+        """Joint angles in flight [rad]."""
         q = np.array(STRETCHED) + self.narrow * (np.array(BELOW) - np.array(STRETCHED))
         legs = np.tile(q, (N_LEGS, 1))
         legs[:, 0] += self.sweep * np.array(TURNS)
         return legs.reshape(-1)
 
     def require_inside(self, course: Course) -> None:
-        """Raise `InvalidValueError` where it lies outside the field of a course."""
+        """Raise `InvalidValueError` if the target lies outside the field of a course."""
         z = self.z if self.flies else 0.0
         if z < 0.0 or not course.is_inside(self.x, self.y, z):
             valid = f"within x = {-BEFORE:g} … {course.end:.4g} m, y = ± {HALF_WIDTH:g} m, z = 0 … {CEILING:g} m"
             raise InvalidValueError("target", (self.x, self.y, self.z), valid)
 
     def action(self, course: Course, position_w: Vector3) -> np.ndarray:
-        """The action (8,) within ± 1 that stands for it where the torso is at `position_w`; too long a way is cut.
+        """Convert the target to an action (8,) within ± 1 for a torso at `position_w`; longer ways are shortened.
 
         Raises:
             InvalidValueError: For a target outside the field.
@@ -85,17 +85,18 @@ class Target:
 ACTION = (
     "flies", "way_x", "way_y", "height", "heading", "speed", "narrow", "sweep",
 )  # fmt: skip
-"""Entries of an action that is a target."""
+"""Entries of an action that encodes a target."""
 
 
 def take_target(action: np.ndarray, course: Course, position_w: Vector3) -> Target:
-    """The target that an action stands for, inside the field.
+    """Convert an action to a target inside the field.
 
     Args:
-        action: Of `ACTION`, within ± 1: on the floor up to 0, above it in the air; the way from the torso in world axes
-            by `WAY`; the height from 0 to the ceiling; heading by π; speed, form and sweep between their bounds.
+        action: Entries of `ACTION`, within ± 1: `flies` above 0 is in the air; displacement from the torso in world
+            axes in units of `WAY`; height from 0 to the ceiling; heading in units of π; speed, form and sweep between
+            their bounds.
         course: The map.
-        position_w: Of the torso (3,) [m].
+        position_w: Position of the torso (3,) [m].
     """
     flies, way_x, way_y, height, heading, speed, narrow, sweep = action.tolist()
     low, high = SPEEDS

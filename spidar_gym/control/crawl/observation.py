@@ -28,7 +28,7 @@ def crawl_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...
         Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇"),
         Field("joint_torque", N_JOINTS, 10.0, "Nm", "of the joint servos"),
         Field("joint_plan_error", N_JOINTS, 2.0, "rad", "planned joint angles − q"),
-        Field("joint_way", N_JOINTS, 4.0, "rad", "target of the phase or of the torso's displacement − planned joint angles"),
+        Field("joint_way", N_JOINTS, 4.0, "rad", "target of this phase or of the torso − planned joint angles"),
         Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
         Field("vectoring_cosine", 2 * N_ROTORS, 1.0, "", "cosine of φ₁, θ₁, φ₂, θ₂ …"),
         Field("thrust_command", N_ROTORS, robot.max_thrust, "N", "λ₁ … λ₈ of the last command"),

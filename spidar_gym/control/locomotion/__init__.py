@@ -1,1 +1,1 @@
-"""Both ways of moving in one controller: crawl, take off, fly, land."""
+"""Locomotion with both gaits in one controller: crawl, take off, fly, land."""

@@ -1,4 +1,4 @@
-"""What the manager of both gaits is told to do, and what of it cannot be done."""
+"""Commands of the manager of both gaits, and checks of their validity."""
 
 import math
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from spidar_gym.errors import InvalidValueError, require_within
 from spidar_gym.robot import N_JOINTS, ROBOT
 
 FIELD = 100.0
-"""No way leads farther from the world's origin than this [m]."""
+"""Largest distance of a target from the world's origin along each axis [m]."""
 SPEEDS = 0.05, 1.5
-"""Least and largest speed of a flight [m/s]."""
+"""Smallest and largest speed of a flight [m/s]."""
 STEEPEST = math.radians(12.0)
-"""Steepest floor that is landed on [rad]: on the track's 10° everything holds."""
+"""Steepest floor for a landing [rad]; on the track's slope of 10° all requirements are met."""
 HEIGHTS = 0.1, 10.0
-"""Least and largest height that a take-off rises to [m]."""
+"""Smallest and largest height of a take-off [m]."""
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class CrawlTo:
     """Crawl to a pose on the floor, straight or on an arc."""
 
     pose: Pose2
-    """Where the torso comes to lie, world."""
+    """Goal pose of the torso, world."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no place."""
+        """Raise `InvalidValueError` for a pose out of range."""
         require_within(-FIELD, FIELD, "m", x=self.pose.x, y=self.pose.y)
         require_within(-1e3, 1e3, "rad", yaw=self.pose.yaw)
 
@@ -38,32 +38,32 @@ class TakeOff:
     """Rise from the floor, straight up."""
 
     height: float = 1.0
-    """How far the centre of mass rises [m]."""
+    """Height by which the centre of mass rises [m]."""
 
     def __post_init__(self) -> None:
-        """Refuse a height that is none."""
+        """Raise `InvalidValueError` for a height out of range."""
         require_within(*HEIGHTS, "m", height=self.height)
 
 
 @dataclass(frozen=True)
 class FlyTo:
-    """Fly straight to a place, in a form that is taken before."""
+    """Take a form, then fly straight to a position."""
 
     position_w: tuple[float, float, float]
-    """Where the centre of mass goes [m]."""
+    """Goal position of the centre of mass [m]."""
     form: JointVector | None = None
-    """Joint angles on the way [rad]; those it has if not given."""
+    """Joint angles in flight [rad]; None keeps the present target."""
     speed: float = 0.5
-    """Speed on the way [m/s]."""
+    """Speed of the flight [m/s]."""
     along: bool = False
-    """Whether it turns to where it flies first."""
+    """Whether the robot turns to the direction of flight first."""
     at_once: bool = False
-    """Whether it turns to there from however it moves now, and takes the form on the way."""
+    """Whether the flight starts immediately from the present motion, and the form is taken in flight."""
     room: float | None = None
-    """Width of what it flies through, if that is known [m]."""
+    """Width of the passage to fly through [m], if it is known."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no place, no form or no speed."""
+        """Raise `InvalidValueError` for a position, a form or a speed out of range."""
         x, y, z = self.position_w
         require_within(-FIELD, FIELD, "m", x=x, y=y, z=z)
         require_within(*SPEEDS, "m/s", speed=self.speed)
@@ -78,15 +78,15 @@ class FlyTo:
 
 @dataclass(frozen=True)
 class Land:
-    """Come down where it is, in the pose in which it lies, until the floor carries it."""
+    """Descend vertically in the lying pose until the floor carries the robot."""
 
     floor: float = 0.0
-    """Height at which the floor is expected, under the pegs [m]; where it is not, the descent goes on."""
+    """Expected height of the floor under the pegs [m]; if it is lower, the descent continues."""
     slope: float = 0.0
-    """How steep it is, as far as that is known [rad]."""
+    """Slope of the floor, if it is known [rad]."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no height, and what is too steep."""
+        """Raise `InvalidValueError` for a height out of range or a slope that is too steep."""
         require_within(-FIELD, FIELD, "m", floor=self.floor)
         if not 0.0 <= self.slope <= STEEPEST:
             raise InvalidValueError("slope", self.slope, f"a floor within 0 … {STEEPEST:.3f} rad, where a robot stays")
@@ -96,20 +96,20 @@ LocomotionCommand = CrawlTo | TakeOff | FlyTo | Land
 
 
 KINDS = ("crawl_to", "take_off", "fly_to", "land")
-"""They in the core's order."""
+"""Names of the commands, in the core's order."""
 
 
 def airborne_after(command: LocomotionCommand) -> bool:
-    """Whether the robot is in the air when it is done."""
+    """Whether the robot is in the air after the command."""
     return isinstance(command, TakeOff | FlyTo)
 
 
 def require_order(commands: tuple[LocomotionCommand, ...], airborne: bool) -> None:
-    """Raise `InvalidValueError` for the first command that cannot follow on those before it.
+    """Raise `InvalidValueError` for the first command that cannot follow those before it.
 
     Args:
-        commands: In order.
-        airborne: Whether the robot flies before the first.
+        commands: Commands in order.
+        airborne: Whether the robot is in the air before the first command.
     """
     for command in commands:
         flies = isinstance(command, FlyTo | Land)
@@ -121,5 +121,5 @@ def require_order(commands: tuple[LocomotionCommand, ...], airborne: bool) -> No
 
 
 def heading(yaw: float) -> np.ndarray:
-    """The level attitude with a heading, w, x, y, z."""
+    """Compute the level attitude with a heading [rad], as a quaternion w, x, y, z."""
     return np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])

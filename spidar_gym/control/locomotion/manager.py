@@ -1,8 +1,8 @@
-"""The manager of both gaits: commands → phases, each flown or crawled by its controller, handed over without a jolt.
+"""Manager of both gaits: commands → phases, each executed by the flight controller or the crawler, with hand-overs.
 
-The robot takes off as it lies, and lands in the pose in which a crawl begins, on the allocation of flight: what the
-floor carries is a share of the whole (`Reference.support`), which fades as the rotors come in, and grows as they fade.
-There is no touch sensor: the floor is where the robot no longer follows its descent.
+The robot takes off in its lying attitude and lands in the start pose of a crawl. Both use the allocation of flight: the
+floor carries a share of the weight (`Reference.support`), which fades in a take-off and grows in a landing. There is no
+touch sensor: the floor is detected when the robot no longer follows its descent.
 """
 
 import math
@@ -34,49 +34,49 @@ from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState, valid_state
 
 LEVEL_FROM, LEVEL_TO = 0.05, 0.35
-"""Between these heights over where it lay, a robot that lay on a slope comes level [m]."""
+"""Heights above the lying position between which a robot from a slope becomes level [m]."""
 LEAST_WAY = 0.05
-"""A way shorter than this gives no heading [m]."""
+"""A shorter displacement does not define a heading [m]."""
 ARRIVED, PATIENCE = 0.05, 2.0
-"""A form is taken when every joint is this close [rad]; a leg that hangs is waited for so long [s]."""
+"""A form is taken when every joint is this close [rad], or after this time with the full command [s]."""
 _STILL = np.zeros(3)
 
 
 @dataclass(slots=True)
 class ManagerMemory:
-    """All that the manager remembers."""
+    """Complete state of the manager between ticks."""
 
     phase: str = "lie"
     """One of `PHASES`."""
     time: float = 0.0
-    """Time in it [s]."""
+    """Time in the phase [s]."""
     begin_w: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Where the centre of mass was when it began, or where it is to be [m]."""
+    """Position of the centre of mass at the beginning of the phase, or its reference in a descent [m]."""
     quat_wb: np.ndarray = field(default_factory=lambda: heading(0.0))
-    """Attitude that is asked for when it begins."""
+    """Desired attitude at the beginning of the phase."""
     yaw: float = 0.0
     """Heading in flight [rad]."""
     form: JointVector = field(default_factory=lambda: np.zeros(16))
-    """Joint angles that are asked for [rad]."""
+    """Desired joint angles [rad]."""
     floor: float = 0.0
-    """Height of the centre of mass where it lay, or is expected to lie [m]."""
+    """Height of the centre of mass when the robot lay last, or is expected to lie [m]."""
     velocity: float = 0.0
     """Rate of the descent [m/s]."""
     believed: float = 0.0
-    """For how long something has been as the floor would be, or a form has been asked for in full [s]."""
+    """Time for which the conditions of a floor have held, or for which a form has been commanded in full [s]."""
     thrust: float = 0.0
     """Σλ of the last tick [N]."""
     failures: int = 0
-    """Landings in a row that were broken off."""
+    """Number of aborted landings in a row."""
     rises: bool = False
-    """Whether it takes off at the next tick, whatever it is doing on the floor."""
+    """Whether the robot takes off at the next tick from any phase on the floor."""
 
 
 class Manager(Orders):
-    """Crawls, takes off, flies and lands as it is told; owns a crawler and a flight controller."""
+    """Executes commands to crawl, take off, fly and land; owns a crawler and a flight controller."""
 
     def __init__(self, config: ManagerConfig | None = None, model: Model | None = None) -> None:
-        """Make both."""
+        """Build both controllers."""
         self.config = config or ManagerConfig()
         self.model = model or Model(self.config.crawl.gait.robot)
         self.flight = FlightController(self.config.flight, self.model)
@@ -84,14 +84,14 @@ class Manager(Orders):
         self.dt = self.flight.dt
         self.memory = ManagerMemory()
         self.commands: list[LocomotionCommand] = []
-        """What is still to do, the present one first."""
+        """Pending commands, the present one first."""
         self.path: Path | None = None
-        """The way of the present flight; its time begins with the phase."""
+        """Path of the present flight; its time begins with the phase."""
 
-    # ---- what it is told ----
+    # ---- commands ----
 
     def reset(self, state: RobotState, commands: Iterable[LocomotionCommand] = ()) -> None:
-        """Forget everything: the robot lies on the floor, rotors off, and has these commands before it."""
+        """Clear the memory and queue these commands; the robot lies on the floor with its rotors off."""
         self.flight.reset(state, state.joint_position)
         self.crawler.reset(state)
         self.memory = ManagerMemory(form=self.lying, begin_w=self._com(state))
@@ -104,7 +104,7 @@ class Manager(Orders):
 
     def _replace(self, commands: tuple[LocomotionCommand, ...]) -> None:
         phase, rises = self.memory.phase, bool(commands) and isinstance(commands[0], TakeOff)
-        # A cycle is crawled to its end, a landing is completed, and nobody flies away before the legs are clear.
+        # A crawl cycle and a landing are completed, and a flight starts only when the legs are clear of the floor.
         is_low = phase == "climb" and self._moving()[0][2] < self.memory.floor + LEVEL_TO
         ends = phase in ("crawl", "unload") and not rises
         ends = ends or (is_low and bool(commands) and isinstance(commands[0], FlyTo))
@@ -122,12 +122,12 @@ class Manager(Orders):
 
     @property
     def last(self) -> LocomotionCommand | None:
-        """The last of what is still to do."""
+        """The last pending command, or None."""
         return self.commands[-1] if self.commands else None
 
     @property
     def floor(self) -> float:
-        """Height of the centre of mass where it lay last, or is expected to lie [m]."""
+        """Height of the centre of mass when the robot lay last, or is expected to lie [m]."""
         return self.memory.floor
 
     @property
@@ -137,15 +137,15 @@ class Manager(Orders):
 
     @property
     def last_step(self) -> FlightRecord | CrawlRecord | None:
-        """What the last tick of whoever controls now did; None before its first."""
+        """Record of the last tick of the active controller; None before its first."""
         return (self.crawler if self.on_ground else self.flight).last_step
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: the Python controllers hold no resources."""
 
     @property
     def done(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether all commands are executed."""
         if self.commands or self.memory.phase not in ("lie", "hover", "cut"):
             return False
         return self.memory.phase != "hover" or self.path is None or self.memory.time >= self.path.seconds
@@ -153,7 +153,7 @@ class Manager(Orders):
     # ---- a tick ----
 
     def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
-        """One control tick: the command for the next control period. A state that is not finite gets the last one."""
+        """Compute the command of one control tick; if the state is not finite, repeat the last command."""
         memory = self.memory
         if valid_state(state):
             self._next(state)
@@ -168,7 +168,7 @@ class Manager(Orders):
         return command
 
     def reference(self, state: RobotState) -> Reference:
-        """What the flight controller is asked in the present phase."""
+        """Compute the reference of the flight controller in the present phase."""
         memory, config, t = self.memory, self.config, self.memory.time
         if memory.phase == "spool":
             support = 1.0 - ease(t / config.spool_time)
@@ -191,10 +191,10 @@ class Manager(Orders):
             return replace(reference, quat_wb=matrix_to_quat(R_wb @ exp(share * turn)))
         return reference
 
-    # ---- from phase to phase ----
+    # ---- transitions between phases ----
 
     def _next(self, state: RobotState) -> None:
-        """Go on to the next phase where this one is over."""
+        """Enter the next phase if the present one has ended."""
         memory, config = self.memory, self.config
         R_wb = quat_to_matrix(state.quat_wb)
         if memory.rises:
@@ -224,12 +224,12 @@ class Manager(Orders):
             self._begin_spool(state)
 
     def _begin_spool(self, state: RobotState) -> None:
-        """Let the rotors take over from the floor, from the share that they have already."""
+        """Begin to shift the load from the floor to the rotors, starting from the rotors' present share."""
         R_wb, memory, last = quat_to_matrix(state.quat_wb), self.memory, self._last()
         share = min(1.0, memory.thrust / self.model.robot.weight)
         memory.begin_w, memory.quat_wb = self._com(state), state.quat_wb.copy()
         memory.floor, memory.yaw = float(memory.begin_w[2]), math.atan2(R_wb[1, 0], R_wb[0, 0])
-        memory.form = last.joint_position.copy()  # feet on the floor push nobody about
+        memory.form = last.joint_position.copy()  # keep the joints still, so that feet on the floor do not push
         self.flight.resume(state, last)
         self._enter("spool")
         memory.time = self.config.spool_time * _inverse_ease(share)
@@ -259,7 +259,7 @@ class Manager(Orders):
         del state
         assert self.path is not None
         if self.memory.time >= self.path.seconds:
-            if not (self.memory.phase == "fly" and isinstance(self.commands[0], Land)):  # else it climbed to land again
+            if not (self.memory.phase == "fly" and isinstance(self.commands[0], Land)):  # that climb repeats a landing
                 self.commands.pop(0)
             self._hover()
 
@@ -275,7 +275,7 @@ class Manager(Orders):
         wanted = self.lying if isinstance(command, Land) else command.form if isinstance(command, FlyTo) else None
         if wanted is not None:
             self.memory.form = wanted
-        # Time begins anew with a phase: the way to where it hovers is not flown again.
+        # The time restarts with the phase, so the path is replaced by its end, where the robot hovers.
         self.path = Path(np.zeros(1), self.path.pose_w[-1:], np.zeros((1, 4)), np.zeros((1, 4)))
         self._enter("form")
 
@@ -324,7 +324,7 @@ class Manager(Orders):
         memory, config = self.memory, self.config
         if memory.time < 0.5 * config.unload_time and state.velocity_w[2] < -config.lost_fall:
             memory.begin_w = np.array([*memory.begin_w[:2], memory.floor])
-            self._enter("descend")  # that was a gust
+            self._enter("descend")  # a gust was mistaken for the floor
             memory.velocity = config.descent_speed
             return
         tilt = math.acos(max(-1.0, min(1.0, quat_to_matrix(state.quat_wb)[2, 2])))
@@ -340,7 +340,7 @@ class Manager(Orders):
             self._enter("lie")
 
     def _break_off(self) -> None:
-        """Climb from where a landing has failed; the second one is the last."""
+        """Abort a landing and climb; after the second abort in a row drop all commands and hover."""
         memory = self.memory
         memory.failures += 1
         x, y, z = memory.begin_w.tolist()
@@ -351,7 +351,7 @@ class Manager(Orders):
         self._enter("fly" if self.commands else "hover")
 
     def _hover(self) -> None:
-        """Come to rest from where and how the path is now."""
+        """Build a path that brings the present motion to rest."""
         memory, (pose, rate, acceleration) = self.memory, self._moving()
         brake = max(math.sqrt(float(rate[:3] @ rate[:3])) / EASE, abs(float(rate[3])) / TURN_RATE)
         end = pose + 0.5 * brake * rate
@@ -364,7 +364,7 @@ class Manager(Orders):
         self._enter("hover")
 
     def _steer(self, command: FlyTo) -> None:
-        """Fly to a place from where and how the path is now."""
+        """Build a path from the present motion to the position of a command."""
         memory, (pose, rate, acceleration) = self.memory, self._moving()
         way, turn = np.array(command.position_w) - pose[:3], 0.0
         if command.along and math.hypot(way[0], way[1]) > LEAST_WAY:
@@ -375,7 +375,7 @@ class Manager(Orders):
         self._enter("fly")
 
     def _moving(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pose, rate and acceleration (4,) of what is asked for now, in the air."""
+        """Return pose, rate and acceleration (4,) of the present reference in the air."""
         memory = self.memory
         if memory.phase == "descend":
             return np.array([*memory.begin_w, memory.yaw]), np.array([0.0, 0.0, -memory.velocity, 0.0]), np.zeros(4)
@@ -392,7 +392,7 @@ class Manager(Orders):
         return state.position_w + R_wb @ self.model.snapshot(state.joint_position, R_wb, state.vectoring).com_b
 
     def _last(self) -> Command:
-        """The last command."""
+        """Return the last command."""
         controller = self.crawler if self.on_ground else self.flight
         memory = controller.memory
         thrust = np.linalg.norm(memory.forces_l, axis=1)
@@ -400,7 +400,7 @@ class Manager(Orders):
         return Command(thrust, memory.vectoring, memory.joint_position, np.full(16, limit))
 
     def _limited(self, command: Command) -> Command:
-        """Near the floor Σλ changes evenly, into the climb too: what a foot finds there is no reason for a jolt."""
+        """Limit the rate of Σλ near the floor and into the climb, so that contacts of the feet cause no jumps."""
         memory, total = self.memory, float(command.thrust.sum())
         lifts = memory.phase == "climb" and memory.time <= self.dt
         if not (memory.phase in ("spool", "descend", "unload") or lifts) or total <= 0.0:
@@ -411,7 +411,7 @@ class Manager(Orders):
 
 
 def _inverse_ease(share: float) -> float:
-    """Where `ease` has come to a share."""
+    """Compute the argument at which `ease` equals a share."""
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)

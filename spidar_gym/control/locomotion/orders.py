@@ -1,4 +1,4 @@
-"""What a manager of both gaits is, and what it is told: its settings, its phases, what it refuses."""
+"""Interface of the managers of both gaits: configuration, phases, and validation of commands."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
@@ -26,63 +26,63 @@ from spidar_gym.robot import N_ROTORS
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
 
 PHASES = ("lie", "crawl", "spool", "climb", "hover", "form", "fly", "descend", "unload", "cut")
-"""What the manager is doing."""
+"""Phases of the manager."""
 
 
 @dataclass(frozen=True)
 class ManagerConfig:
-    """Everything that can be chosen about how the gaits give way to each other."""
+    """Configuration of the manager: controllers of both gaits, take-off and landing."""
 
     flight: ControllerConfig = field(default_factory=lambda: controller_config("tuned"))
-    """Who flies."""
+    """Configuration of the flight controller."""
     crawl: CrawlerConfig = field(default_factory=lambda: crawler_config("robust_overlapped"))
-    """Who crawls."""
+    """Configuration of the crawler."""
     spool_time: float = 1.5
-    """Time in which the rotors take over from the floor [s]."""
+    """Time in which the load shifts from the floor to the rotors [s]."""
     climb_speed: float = 0.4
     """Largest speed of the climb after take-off [m/s]."""
     descent_speed: float = 0.22
-    """Speed at which it comes down [m/s]."""
+    """Speed of the descent [m/s]."""
     descent_ease: float = 0.5
-    """Acceleration with which the descent begins [m/s²]."""
+    """Acceleration at the beginning of the descent [m/s²]."""
     unload_time: float = 1.0
-    """Time in which the floor takes over from the rotors [s]."""
+    """Time in which the load shifts from the rotors to the floor [s]."""
     touch_error: float = 0.02
-    """The floor is where the robot is so far above its descent [m]; or as the next says."""
+    """The floor is detected when the robot is this far above its reference in the descent [m], or by `touch_force`."""
     touch_force: float = 0.2
-    """The floor is where an unknown force of such a share of the weight pushes the robot up."""
+    """The floor is detected when the observed upward force exceeds this share of the weight, or by `touch_error`."""
     touch_speed: float = 0.3
-    """For either it has to fall slower than this share of its descent."""
+    """The floor is detected only while the robot falls slower than this share of `descent_speed`."""
     touch_time: float = 0.075
-    """For either it has to last so long [s]."""
+    """The conditions of a detected floor must hold for this time [s]."""
     lost_fall: float = 0.12
-    """What carried it is no floor where it falls faster than this while the rotors fade [m/s]."""
+    """The descent resumes if the robot falls faster than this while the rotors fade [m/s]."""
     most_slew: float = 5.0
-    """Σλ changes by no more than this a tick where the floor is near [N]."""
+    """Largest change of Σλ per tick near the floor [N]."""
     most_tilt: float = 0.4
-    """A landing that tilts by more than this is broken off, and begun once more from above [rad]."""
+    """A landing with a larger tilt is aborted and repeated from above [rad]."""
     search: float = 0.5
-    """A descent that finds no floor this far below where it is expected is broken off [m]."""
+    """A descent that finds no floor is aborted this far below the expected height [m]."""
     again: float = 0.5
-    """A landing that is broken off climbs by this much [m]; after the second one it stays there."""
+    """Height of the climb after an aborted landing [m]; after the second one the robot stays in the air."""
     cut_tilt: float = 0.9
-    """Tilted by more than this the rotors are cut [rad]."""
+    """The rotors are cut at a larger tilt [rad]."""
     clearance: float = 0.15
-    """The lowest part of a form stays this far above the floor that it took off from [m], and from what it passes."""
+    """Smallest distance of a form from the take-off floor and from the sides of a passage [m]."""
 
     def __post_init__(self) -> None:
-        """Refuse times, speeds and bounds that are not positive."""
+        """Raise `InvalidValueError` for times, speeds and bounds that are not positive."""
         numbers = {name: value for name, value in vars(self).items() if isinstance(value, int | float)}
         require_above("1", **numbers)
 
 
 class Orders(ABC):
-    """What every manager of both gaits is told, whatever computes it."""
+    """Interface of the managers of both gaits, in Python and compiled."""
 
     config: ManagerConfig
-    """Who flies, who crawls, and how they give way to each other."""
+    """Configuration of the manager and of both controllers."""
     model: Model
-    """The robot as described."""
+    """Model of the robot with nominal parameters."""
 
     @property
     @abstractmethod
@@ -92,22 +92,22 @@ class Orders(ABC):
     @property
     @abstractmethod
     def done(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether all commands are executed."""
 
     @property
     @abstractmethod
     def last(self) -> LocomotionCommand | None:
-        """The last of what is still to do."""
+        """The last pending command, or None."""
 
     @property
     @abstractmethod
     def floor(self) -> float:
-        """Height of the centre of mass where it lay last, or is expected to lie [m]."""
+        """Height of the centre of mass when the robot lay last, or is expected to lie [m]."""
 
     @property
     @abstractmethod
     def last_step(self) -> FlightRecord | CrawlRecord | None:
-        """What the last tick of whoever controls now did; None before its first."""
+        """Record of the last tick of the active controller; None before its first."""
 
     @property
     def on_ground(self) -> bool:
@@ -116,31 +116,31 @@ class Orders(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Release what is held: nothing can be asked any more."""
+        """Release all resources; the manager cannot be used afterwards."""
 
     @abstractmethod
     def reset(self, state: RobotState, commands: Iterable[LocomotionCommand] = ()) -> None:
-        """Forget everything: the robot lies on the floor, rotors off, and has these commands before it."""
+        """Clear the memory and queue these commands; the robot lies on the floor with its rotors off."""
 
     @abstractmethod
     def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
-        """One control tick: the command for the next control period. A state that is not finite gets the last one."""
+        """Compute the command of one control tick; if the state is not finite, repeat the last command."""
 
     @abstractmethod
     def _append(self, commands: tuple[LocomotionCommand, ...]) -> None:
-        """Take valid commands behind what is still to do."""
+        """Append valid commands to the pending ones."""
 
     @abstractmethod
     def _replace(self, commands: tuple[LocomotionCommand, ...]) -> None:
-        """Take valid commands in its place."""
+        """Replace the pending commands by valid commands."""
 
     @property
     def airborne(self) -> bool:
-        """Whether it flies, or is about to."""
+        """Whether the robot flies or is about to take off."""
         return self.phase not in ("lie", "crawl", "unload", "cut")
 
     def command(self, commands: Iterable[LocomotionCommand]) -> None:
-        """Append commands (`InvalidValueError` for what cannot be done, and nothing has changed)."""
+        """Append commands; if one is invalid, raise `InvalidValueError` and change nothing."""
         more = tuple(commands)
         require_order(more, self.airborne if self.last is None else airborne_after(self.last))
         for each in more:
@@ -148,13 +148,12 @@ class Orders(ABC):
         self._append(more)
 
     def interrupt(self, commands: Iterable[LocomotionCommand]) -> None:
-        """Drop what is still to do, and do these from here on.
+        """Drop the pending commands and execute these instead.
 
-        In the air, and for a take-off, that is at once, whatever the robot is doing; a crawl comes to the end of its
-        cycle first.
+        In the air, and for a take-off, they start immediately; otherwise a crawl completes its cycle first.
 
         Raises:
-            InvalidValueError: For what cannot be done from here, and nothing has changed.
+            InvalidValueError: If a command is invalid in the present phase; nothing is changed then.
         """
         more = tuple(commands)
         require_order(more, self.airborne)
@@ -163,7 +162,7 @@ class Orders(ABC):
         self._replace(more)
 
     def _require_room(self, command: LocomotionCommand) -> None:
-        """Refuse a flight so low that its form touches the floor it took off from, or through what is too narrow."""
+        """Raise `InvalidValueError` for a flight too low above the take-off floor or too wide for its room."""
         if not isinstance(command, FlyTo):
             return
         form, robot = self.lying if command.form is None else command.form, self.model.robot
@@ -186,13 +185,13 @@ class Orders(ABC):
 
     @cached_property
     def _lying_height(self) -> float:
-        """Height of the centre of mass over a floor on which the robot lies [m]."""
+        """Height of the centre of mass of the lying robot above the floor [m]."""
         snapshot = self.model.snapshot(self.lying, np.eye(3), np.zeros((N_ROTORS, 2)))
         return float(snapshot.com_b[2]) + self.model.robot.peg_depth
 
 
 def form_radius(model: Model, form: JointVector) -> float:
-    """Radius of the upright cylinder round the torso's axis that holds a form, propellers included [m]."""
+    """Compute the radius of the upright cylinder about the torso's axis that encloses a form, ducts included [m]."""
     snapshot, robot = model.snapshot(form, np.eye(3), np.zeros((N_ROTORS, 2))), model.robot
     rotors = snapshot.rotor_c + snapshot.com_b
     reach = np.hypot(rotors[:, 0], rotors[:, 1]).max() + robot.duct_offset_y + robot.duct_radius
