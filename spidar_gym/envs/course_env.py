@@ -56,7 +56,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         manager: ManagerConfig | None = None,
         control: str = "core",
         hold: int | None = None,
-        **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
+        **options: Any,  # noqa: ANN401 - fields of the task and arguments of `SpidarEnv`
     ) -> None:
         """Build the task and the controllers.
 
@@ -73,7 +73,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
 
         Raises:
             UnknownNameError: For a mode, preset or camera that does not exist; it lists the valid ones.
-            UnknownArgumentError: For an argument that does not exist, likewise.
+            UnknownArgumentError: For an argument that does not exist; it lists the valid ones.
             InvalidValueError: For a value out of range, a course that is impassable, a goal that is out of reach.
         """
         if "course" in options:
@@ -101,7 +101,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         self._given: Course | None = None
         robot = own_robot(shared.pop("plant", None), described)
         if robot.ground.uneven or robot.ground.boxed or robot.ground.slope:
-            raise InvalidValueError("plant", "a floor of its own", "an even one: the course is built on it")
+            raise InvalidValueError("plant", "a floor that is not even", "an even floor: the course is built on it")
         # The model needs a floor with boxes from the start; each reset sets their sizes and positions.
         robot = replace(robot, ground=_built(task.draw_course(np.random.Generator(np.random.PCG64(0)))))
         super().__init__(
@@ -151,7 +151,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
     def _prepare(self, fleet: Fleet) -> None:
         fleet.go(0, self._given or self.task.course)
 
-    def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
+    def _read(self, name: str) -> Any:  # noqa: ANN401 - any value
         robot = self.fleet.robots[0]
         if name == "course":
             return read_course(robot["course"])
@@ -169,7 +169,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
             fleet.go(robot, self.task.course)
         return fleet
 
-    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
+    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - user input
         return {"_given": parse_course(value)} if name == "course" else super()._chosen(name, value)
 
 

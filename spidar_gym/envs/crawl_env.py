@@ -50,7 +50,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         law: type | None = None,
         control: str | None = None,
         max_iter: int = AllocatorConfig.max_iter,
-        **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
+        **options: Any,  # noqa: ANN401 - fields of the task and arguments of `SpidarEnv`
     ) -> None:
         """Build the task and its controller.
 
@@ -67,7 +67,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
 
         Raises:
             UnknownNameError: For a mode, preset, schedule or camera that does not exist; it lists the valid ones.
-            UnknownArgumentError: For an argument that does not exist, likewise.
+            UnknownArgumentError: For an argument that does not exist; it lists the valid ones.
             InvalidValueError: For a value out of range.
         """
         described = described_robot(options)
@@ -116,7 +116,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
     def _prepare(self, fleet: Fleet) -> None:
         pass
 
-    def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
+    def _read(self, name: str) -> Any:  # noqa: ANN401 - any value
         robot = self.fleet.robots[0]
         if name == "way":
             return tuple(robot["way"].tolist())

@@ -270,8 +270,7 @@ def page(name: str) -> str:
         markdown_rows("action_mode | n | entries | −1 … 1 is scaled to", _action_rows(own.modes)),
         "\n".join(f"- `{n}`: {mode.doc}." for n, mode in own.modes.items()),
         "## Observation Space",
-        f"`Box(-bound, bound, ({size},), float32)` in the default action mode: values that the real robot measures or "
-        "knows.",
+        f"`Box(-bound, bound, ({size},), float32)` in the default action mode: values available on the real robot.",
         markdown_rows("entries | name | bound ± | unit | meaning", _observation_rows(fields)),
         *_other_observations(own),
         "## Rewards",
@@ -281,7 +280,7 @@ def page(name: str) -> str:
         ),
         "## Info",
         markdown_rows("key | shape | unit | meaning", ((f"`{k.replace(', ', '`, `')}`", *v) for k, v in info.items())),
-        "Solve times are not in `info`, because `info` depends only on the seed. The engine measures none;\n"
+        "Solve times are not in `info`, which depends only on seed and actions. The engine measures none;\n"
         'with `control="python"` they are in `env.unwrapped.controller.last_step.allocation.solve_time`.',
         "## Starting State",
         own.start,
@@ -298,7 +297,7 @@ def page(name: str) -> str:
             "name | default | meaning", ((f"`{n}`", f"`{value!r}`", doc) for n, value, doc in _arguments(own))
         ),
         f"`reset(options={own.options})` changes this episode and those after it.",
-        f"So does each of {_names(own)} as an option of `reset`. Such an option rebuilds\nthe environment, which takes "
+        f"Each of {_names(own)} is an option of `reset` too. Such an option rebuilds\nthe environment, which takes "
         "about 10 ms. In a vector, a list has a value for each robot.",
         "### Disturbances",
         markdown_rows(

@@ -60,7 +60,7 @@ def common(
         row["low"], row["high"] = draw.low, draw.high
 
 
-def _offset(layout: np.dtype[Any], name: Any) -> int:  # noqa: ANN401 - numpy wants a literal
+def _offset(layout: np.dtype[Any], name: Any) -> int:  # noqa: ANN401 - NumPy expects a literal
     """Return the offset of a struct's member [bytes]."""
     assert layout.fields is not None
     return layout.fields[name][1]

@@ -71,7 +71,7 @@ class SpidarEnv(
         *,
         joint_speed: float,
         control: str,
-        task: Any = None,  # noqa: ANN401 - what users give, made into a task by `make_task`
+        task: Any = None,  # noqa: ANN401 - user input, converted by `make_task`
         idle_thrust: float = 0.0,
         robot: RobotSpec | str | Path | Mapping[str, Any] | None = None,
         plant: PlantConfig | None = None,
@@ -179,7 +179,7 @@ class SpidarEnv(
             self.controller, self._commander = commander.controller, commander
 
     @in_turn
-    def _known(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
+    def _known(self, name: str) -> Any:  # noqa: ANN401 - any value
         """Return a value of the current tick; it is read once and cached."""
         if name not in self._now:
             if not self._began:
@@ -192,7 +192,7 @@ class SpidarEnv(
         self._now = {}
         forget(self.controller)
 
-    def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
+    def _read(self, name: str) -> Any:  # noqa: ANN401 - any value
         """Read a value from the engine: the true state, the controller's state, or the last command."""
         episode = self.fleet.robots[0]["episode"]
         if name == "command":
@@ -326,7 +326,7 @@ class SpidarEnv(
         self.controller.close()
         self.plant.close()
 
-    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
+    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - user input
         """Return the attributes that an option of `reset` sets, with their values; raise for an invalid value."""
         assert name == "disturbances"
         return {"_disturbances": Disturbances.parse(value)}

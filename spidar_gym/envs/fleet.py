@@ -577,7 +577,7 @@ class Fleet:
     def _name(self) -> str:
         return type(self.task).__name__
 
-    def _remember(self, robot: int, drawn: Any) -> None:  # noqa: ANN401 - a user's
+    def _remember(self, robot: int, drawn: Any) -> None:  # noqa: ANN401 - user input
         """Write the values that a task has sampled for a robot into the memory."""
         method = f"{self._name}.draw"
         memory = self.memory[robot]
@@ -590,7 +590,7 @@ class Fleet:
                 raise InvalidValueError(f"{method}: {name}", value, f"finite numbers of shape {shape}")
             memory[name] = value
 
-    def _rows(self, given: Any, names: list[str], method: str, kinds: str) -> list[np.ndarray]:  # noqa: ANN401 - a user's
+    def _rows(self, given: Any, names: list[str], method: str, kinds: str) -> list[np.ndarray]:  # noqa: ANN401 - user input
         """Check a task's arrays by name, and return them in the order of its table."""
         self._require_names(given, names, method)
         rows = [given[name] for name in names]
@@ -599,7 +599,7 @@ class Fleet:
                 rows[k] = checked_array(f"{self._name}.{method}: {names[k]}", values, self._shape, kinds)
         return rows
 
-    def _require_names(self, given: Any, names: list[str], method: str) -> None:  # noqa: ANN401 - a user's
+    def _require_names(self, given: Any, names: list[str], method: str) -> None:  # noqa: ANN401 - user input
         if type(given) is dict and given.keys() == {*names}:
             return
         expected = f"a dictionary with an array for each of {', '.join(names)}"

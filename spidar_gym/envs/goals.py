@@ -66,7 +66,7 @@ class Goal(ABC):
     def distances(achieved: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return distances to the goals (N,) [m], and whether they are reached (N,)."""
 
-    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as there
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ANN401 - as in `gymnasium_robotics`
         """Return the reward of an achieved and a desired goal; for those of a step, bit for bit the reward of `step`.
 
         Args:

@@ -54,7 +54,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
         law: type | None = None,
         control: str | None = None,
         max_iter: int = AllocatorConfig.max_iter,
-        **options: Any,  # noqa: ANN401 - the fields of the task, and what every environment takes
+        **options: Any,  # noqa: ANN401 - fields of the task and arguments of `SpidarEnv`
     ) -> None:
         """Build the task and its controller.
 
@@ -72,7 +72,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
 
         Raises:
             UnknownNameError: For a mode, preset or camera that does not exist; it lists the valid ones.
-            UnknownArgumentError: For an argument that does not exist, likewise.
+            UnknownArgumentError: For an argument that does not exist; it lists the valid ones.
             InvalidValueError: For a value out of range.
         """
         robot = described_robot(options)
@@ -134,7 +134,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
     def _prepare(self, fleet: Fleet) -> None:
         fleet.give_start(0, self._start)
 
-    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
+    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - user input
         if name == "start":
             return {"_start": None if value is None else FlightStart.parse(value)}
         return {"task": replace(self.task, forms=value)} if name == "forms" else super()._chosen(name, value)
@@ -145,7 +145,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
         else:
             super()._rule(fleet)
 
-    def _read(self, name: str) -> Any:  # noqa: ANN401 - whatever is looked up
+    def _read(self, name: str) -> Any:  # noqa: ANN401 - any value
         robot, commander = self.fleet.robots[0], self._commander
         if name == "truth":
             if isinstance(commander, FlightCommander):

@@ -25,7 +25,7 @@ from spidar_gym.sim.energy import CAPACITY_WH, USABLE
 from spidar_gym.sim.randomize import TABLE, Row
 
 OBSERVATIONS = {
-    "vector": "one vector of values that the real robot measures or knows",
+    "vector": "one vector of values available on the real robot",
     "goal": "the vector without the goal, and the achieved and desired goals, for hindsight experience replay (HER)",
     "asymmetric": "the vector, and privileged values for a critic or a teacher",
 }

@@ -102,7 +102,7 @@ def require_vector_options(shared: type, env: type, task: type, options: Collect
     require_arguments(options, valid)
 
 
-def own_robot(plant: PlantConfig | None, robot: Any = None) -> PlantConfig:  # noqa: ANN401 - whatever a user gives
+def own_robot(plant: PlantConfig | None, robot: Any = None) -> PlantConfig:  # noqa: ANN401 - user input
     """Return the simulated robot.
 
     Args:

@@ -118,7 +118,7 @@ class CrawlProgress:
     """Largest tilt while the torso moves [rad]."""
 
     @classmethod
-    def read(cls, record: Any) -> "CrawlProgress":  # noqa: ANN401 - numpy's row
+    def read(cls, record: Any) -> "CrawlProgress":  # noqa: ANN401 - a NumPy record
         """Read the progress of a robot in the engine, an `sp_crawl_robot`."""
         values: dict[str, Any] = {}
         for each in fields(cls):
@@ -176,7 +176,7 @@ class CourseProgress:
     """Share of the battery's usable energy that is left, 0 … 1."""
 
     @classmethod
-    def read(cls, record: Any) -> "CourseProgress":  # noqa: ANN401 - numpy's row
+    def read(cls, record: Any) -> "CourseProgress":  # noqa: ANN401 - a NumPy record
         """Read the progress of a robot in the engine, an `sp_course_robot`."""
         names = ("initial_distance", "distance", "controls", "arrived", "flown", "crawled", "hit", "most_hit", "charge")
         values = {name: record[name].item() for name in names}

@@ -105,7 +105,7 @@ class Resettable(ABC):
         return (*(field.name for field in fields(self.task)), "randomization", "task")
 
     @abstractmethod
-    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - whatever a user gives
+    def _chosen(self, name: str, value: Any) -> dict[str, object]:  # noqa: ANN401 - user input
         """Return the attributes that an option of `reset` sets, with their values; raise for an invalid value."""
 
     @abstractmethod

@@ -67,7 +67,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
 
         Raises:
             UnknownNameError: For an environment or an option that does not exist; it lists the valid ones.
-            UnknownArgumentError: For an argument that does not exist, likewise.
+            UnknownArgumentError: For an argument that does not exist; it lists the valid ones.
             InvalidValueError: For a value out of range.
         """
         environment(name)

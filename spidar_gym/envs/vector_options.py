@@ -15,7 +15,7 @@ from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.tasks.start import FlightStart
 
 
-def listed(name: str, value: Any, robots: int) -> list[Any]:  # noqa: ANN401 - whatever a user gives
+def listed(name: str, value: Any, robots: int) -> list[Any]:  # noqa: ANN401 - user input
     """Return a value for each robot: the entries of a list, or any other value repeated."""
     if not isinstance(value, list):
         return [value] * robots
@@ -24,7 +24,7 @@ def listed(name: str, value: Any, robots: int) -> list[Any]:  # noqa: ANN401 - w
     return value
 
 
-def _plain_array(value: Any) -> np.ndarray:  # noqa: ANN401 - whatever a user gives
+def _plain_array(value: Any) -> np.ndarray:  # noqa: ANN401 - user input
     """Convert a list, tuple, range or array to an array; other values and ragged lists become one without dimension."""
     try:
         return np.array(value) if isinstance(value, list | tuple | range | np.ndarray) else np.array(None)
@@ -32,7 +32,7 @@ def _plain_array(value: Any) -> np.ndarray:  # noqa: ANN401 - whatever a user gi
         return np.array(None)
 
 
-def numbered(ids: Any, robots: int, *, rising: bool = False) -> list[int]:  # noqa: ANN401 - whatever a user gives
+def numbered(ids: Any, robots: int, *, rising: bool = False) -> list[int]:  # noqa: ANN401 - user input
     """Return the indices of robots, all if None (`InvalidValueError` for an invalid list)."""
     if ids is None:
         return list(range(robots))
@@ -45,7 +45,7 @@ def numbered(ids: Any, robots: int, *, rising: bool = False) -> list[int]:  # no
     return given.astype(int).tolist()
 
 
-def masked(flags: Any, robots: int) -> np.ndarray:  # noqa: ANN401 - whatever a user gives
+def masked(flags: Any, robots: int) -> np.ndarray:  # noqa: ANN401 - user input
     """Return the mask of the robots to reset (robots,) (`InvalidValueError` for another value)."""
     mask = _plain_array(flags)
     if mask.shape != (robots,) or mask.dtype != bool or not mask.any():
@@ -75,7 +75,7 @@ def _is_seed(value: object) -> bool:
     return isinstance(value, int | np.integer) and int(value) >= 0
 
 
-def autoreset(mode: Any) -> AutoresetMode:  # noqa: ANN401 - whatever a user gives
+def autoreset(mode: Any) -> AutoresetMode:  # noqa: ANN401 - user input
     """Return an autoreset mode from its name or itself (`InvalidValueError` lists the names)."""
     try:
         return AutoresetMode(mode)
@@ -94,7 +94,7 @@ def copied(shown: Any) -> Any:  # noqa: ANN401 - an array, or a dictionary of th
     return {name: rows.copy() for name, rows in shown.items()} if isinstance(shown, dict) else shown.copy()
 
 
-def parsed(name: str, value: Any, robots: int, task: Any) -> list[Any]:  # noqa: ANN401 - whatever a user gives
+def parsed(name: str, value: Any, robots: int, task: Any) -> list[Any]:  # noqa: ANN401 - user input
     """Return the parsed value of an option of `reset` that needs no rebuilding, for each robot.
 
     Args:

@@ -85,7 +85,7 @@ class View:
             return self._renderer.render(qpos)
         return self._renderer.render(qpos, depth=self.mode == "depth_array")
 
-    def draw_plant(self, plant: np.ndarray | np.void) -> Any:  # noqa: ANN401 - as of `draw`
+    def draw_plant(self, plant: np.ndarray | np.void) -> Any:  # noqa: ANN401 - as `draw`
         """Draw a robot in the engine, a record of `sp_plant`, on its own floor."""
         ground = read(GroundConfig, plant["config"]["ground"])
         return self.draw(plant["row"][1 : 2 + N_DOFS], ground, 1.0 / CONTROL_RATE)

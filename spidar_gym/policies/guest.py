@@ -102,7 +102,7 @@ class Guest:
             raise PolicyError(f"policy {self.name}: its process did not say what it asks of {env_id}") from error
 
     def begin(self, action_size: int) -> None:
-        """Load the policy anew in its process, with the length of an action."""
+        """Reload the policy in its process, and pass it the length of an action."""
         self._ask("begin", action_size)
 
     def reset(self, seed: int) -> None:

@@ -32,7 +32,7 @@ def serve(spec: str, trust: bool, inward: int, outward: int) -> None:
     line, loaded = Line(inward, outward), list[Any]()
 
     def begin(size: int) -> None:
-        """Load the policy anew."""
+        """Reload the policy."""
         loaded[:] = [load_policy(spec, trust=trust)]
         if hasattr(loaded[0], "begin"):
             loaded[0].begin(size)

@@ -60,7 +60,7 @@ class StablePolicy:
         self._normalise = _read_statistics(self.path.with_name(STATISTICS)) if normalised else None
 
     def reset(self, seed: int) -> None:
-        """Forget what a recurrent policy has seen; there is nothing to draw."""
+        """Reset the state of a recurrent policy; the policy is deterministic."""
         self._state = None
 
     def act(self, observation: Any) -> np.ndarray:  # noqa: ANN401 - an array, or a dictionary of them

@@ -186,7 +186,7 @@ def _flat(given: Mapping[Any, Any]) -> dict[str, Any]:
     return found
 
 
-def _range(name: str, value: Any) -> tuple[str, float, float]:  # noqa: ANN401 - whatever a user gives
+def _range(name: str, value: Any) -> tuple[str, float, float]:  # noqa: ANN401 - user input
     """Validate the custom range of a field."""
     rows = {row.field: row for row in TABLE}
     require_name("randomization", name, ["strength", *rows])

@@ -91,7 +91,7 @@ def require_pictures() -> None:
             context.free()
 
 
-def _leave(context: Any) -> None:  # noqa: ANN401 - MuJoCo's, of whichever library
+def _leave(context: Any) -> None:  # noqa: ANN401 - MuJoCo's, of any library
     """Make no context current on this thread, so that other threads can draw with `context`."""
     library = type(context).__mro__[1].__module__
     if library == "mujoco.egl":

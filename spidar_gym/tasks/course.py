@@ -90,7 +90,7 @@ class CourseTask(Task[CourseRobots]):
         "power": (0.1, "1 − electrical power / 3000 W"),
         "safety": (0.1, "1 / (1 + (largest force on ducts and links / 5 N)²)"),
     }
-    failures = {  # noqa: RUF012 - likewise
+    failures = {  # noqa: RUF012 - as above
         "hit": f"a force of more than {MAX_HIT:g} N acts on a part other than feet and pegs",
         "out": f"the robot leaves the field, ± {HALF_WIDTH:g} m wide, from the floor to the ceiling, from behind the "
         "start to past the goal",
@@ -98,7 +98,7 @@ class CourseTask(Task[CourseRobots]):
         "empty": "the battery's usable charge is used up",
         "diverged": "the simulation's state is no longer finite",
     }
-    stops = {  # noqa: RUF012 - likewise
+    stops = {  # noqa: RUF012 - as above
         "hit": MAX_HIT, "is_outside": 0.0, "tilt": MAX_TILT, "is_cut": 0.0, "is_empty": 0.0,
     }  # fmt: skip
     """Limits of quantities; beyond one the engine ends a step of several control periods early."""

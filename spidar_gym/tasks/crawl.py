@@ -112,7 +112,7 @@ class CrawlTask(Task[CrawlRobots]):
         "power": (0.1, "1 − electrical power / 3000 W"),
         "action": (0.1, "1 − mean a²"),
     }
-    failures = {  # noqa: RUF012 - likewise
+    failures = {  # noqa: RUF012 - as above
         "duct": "a duct touches the floor",
         "tilt": f"the torso tilts by more than {MAX_TILT:g} rad against the floor",
         "astray": f"the robot is {MAX_ASTRAY:g} m farther from the goal than at the start",

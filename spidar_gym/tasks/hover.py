@@ -77,7 +77,7 @@ class HoverTask(Task[HoverRobots]):
         "joints": (0.1, "1 / (1 + (max |planned − measured joint angle| / 0.1 rad)²)"),
         "action": (0.1, "1 − mean a²"),
     }
-    failures = {  # noqa: RUF012 - likewise
+    failures = {  # noqa: RUF012 - as above
         "contact": "a part of the robot touches the floor",
         "tilt": f"the torso tilts by more than {MAX_TILT:g} rad",
         "position": f"the CoG is more than {MAX_DISTANCE:g} m from its reference",

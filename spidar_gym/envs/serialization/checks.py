@@ -163,7 +163,7 @@ def _fault_of_value(value: Any, seen: set[int]) -> str:  # noqa: ANN401 - any va
     return _fault_of_ours(value) if own else ""
 
 
-def _fault_of_ours(value: Any) -> str:  # noqa: ANN401 - one of our dataclasses
+def _fault_of_ours(value: Any) -> str:  # noqa: ANN401 - a dataclass of this package
     kind, hints = type(value), _hints(type(value))
     for each in fields(value):
         own, hint = getattr(value, each.name), hints.get(each.name, Any)

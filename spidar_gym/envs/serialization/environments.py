@@ -154,7 +154,7 @@ class Restorable(ABC):
             back()
             if isinstance(error, SpidarError):
                 raise
-            raise SpidarError(f"the saved state is damaged: {shown(error)}; valid: what save_state() gave") from error
+            raise SpidarError(f"the saved state is damaged: {shown(error)}; valid: bytes from save_state()") from error
         if self.render_mode == "human":
             self.render()
         return seen
@@ -339,7 +339,7 @@ def _fault_in_bytes(part: Any, told: dict[str, Any]) -> str:  # noqa: ANN401 - a
 
 def _opened(saved: object) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Return the description and the arrays of a saved state (`SpidarError` for other bytes)."""
-    valid = "valid: the bytes that save_state() gave, all of them"
+    valid = "valid: the bytes that save_state() returned, all of them"
     if not isinstance(saved, bytes):
         raise SpidarError(f"a {type(saved).__name__} is no saved state; {valid}")
     try:

@@ -59,7 +59,7 @@ def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
     told, body = _opened(fleet, saved, ids)
     rows = _rows(fleet, body, len(ids), {name: told[name] for name in ROOMS})
     if fault := _fault(fleet, rows, list(ids)):
-        raise SpidarError(f"the saved robots cannot be: {fault}; valid: the bytes that save() gave")
+        raise SpidarError(f"the saved robots cannot be: {fault}; valid: the bytes that save() returned")
     chosen = list(ids)
     with fleet.engine.turn.lock:
         fleet.make_room(*(told[name] for name in ROOMS))
@@ -74,16 +74,16 @@ def restore(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> None:
 def _opened(fleet: Fleet, saved: bytes, ids: Sequence[int]) -> tuple[dict[str, Any], bytes]:
     """Return the head and the body of saved robots that match this fleet; errors as for `restore`."""
     if not (isinstance(saved, bytes) and saved.startswith(MAGIC)):
-        raise SpidarError("these are no saved robots; valid: the bytes that save() gave")
+        raise SpidarError("these are no saved robots; valid: the bytes that save() returned")
     content, checksum = saved[:-CHECKSUM], saved[-CHECKSUM:]
     if hashlib.sha256(content).digest() != checksum:
-        raise SpidarError("the saved robots are damaged; valid: the bytes that save() gave, all of them")
+        raise SpidarError("the saved robots are damaged; valid: the bytes that save() returned, all of them")
     head, _, body = content[len(MAGIC) :].partition(b"\n")
     try:
         told = parse_json(head)
         require_form(told, dict.fromkeys(_WORDS, str) | dict.fromkeys(("robots", *ROOMS), int), "head")
     except BorderError as error:
-        raise SpidarError(f"the saved robots are damaged: {error}; valid: the bytes that save() gave") from error
+        raise SpidarError(f"the saved robots are damaged: {error}; valid: the bytes that save() returned") from error
     for name, here in _description(fleet, ids).items():
         if told[name] != here:
             raise SpidarError(f"the saved robots are of another {name}: {shown(told[name])}; valid here: {here}")
@@ -100,7 +100,7 @@ def _rows(fleet: Fleet, body: bytes, robots: int, rooms: dict[str, int]) -> list
         shapes.append((robots, *(part.shape[1:] if name is None else (rooms[name],))))
     sizes = [part.dtype.itemsize * math.prod(shape) for part, shape in zip(_parts(fleet), shapes, strict=True)]
     if min(rooms.values()) < 0 or sum(sizes) != len(body):
-        raise SpidarError(f"the saved robots have {len(body)} bytes; valid: {sum(sizes)}, the bytes that save() gave")
+        raise SpidarError(f"the saved robots have {len(body)} bytes; valid: {sum(sizes)}, as save() returned")
     ends, whole = np.cumsum(sizes).tolist(), memoryview(body)
     return [
         np.frombuffer(whole[end - size : end], part.dtype).reshape(shape)

@@ -64,7 +64,7 @@ def unpack_values(words: np.ndarray, numbers: np.ndarray, modules: Collection[st
     except SpidarError:
         raise
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError) as error:
-        raise SpidarError(f"these are no saved values ({shown(error)}); valid: what save_state() gave") from error
+        raise SpidarError(f"these are no saved values ({shown(error)}); valid: bytes from save_state()") from error
 
 
 def find_class(name: str, modules: Collection[str]) -> Any:  # noqa: ANN401 - a class
@@ -145,7 +145,7 @@ class _Writer:
         self.numbers += content
         return len(self.numbers) - len(content)
 
-    def _each(self, values: Any, place: str) -> list[Any]:  # noqa: ANN401 - what can be gone through
+    def _each(self, values: Any, place: str) -> list[Any]:  # noqa: ANN401 - an iterable
         return [self.write(value, f"{place}[{k}]") for k, value in enumerate(values)]
 
     def _plain(self, value: Any, place: str) -> Any:  # noqa: ANN401 - an array or a number of numpy's
