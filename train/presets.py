@@ -88,7 +88,7 @@ class Args:
     """Write presets of `train.residual` in rl-zoo's format."""
 
     check: bool = False
-    """Whether to write nothing and fail if a committed file is stale."""
+    """Write nothing; fail if a committed file is stale."""
 
 
 def main() -> None:

@@ -82,7 +82,7 @@ class Args:
     seed: int = 0
     """Seed of the learners and their environments."""
     json: Flag = False
-    """Whether to print JSON."""
+    """Print the results as JSON."""
 
     def __post_init__(self) -> None:
         require_above(unit="s", seconds=self.seconds)

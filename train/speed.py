@@ -152,7 +152,7 @@ class Args:
     seconds: float = 0.5
     """Approximate time per round in which the robots are stepped [s]; a learner takes a whole rollout."""
     json: Flag = False
-    """Whether to print one JSON object, and nothing else, on stdout."""
+    """Print one JSON object, and nothing else, on stdout."""
 
     def __post_init__(self) -> None:
         require_above(seconds=self.seconds)

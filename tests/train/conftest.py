@@ -1,4 +1,4 @@
-"""Short flights, and a finished tiny run, for files that skip without the extra `train`."""
+"""Fixtures of short flights and a completed tiny run; files that use them skip without the extra `train`."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture(scope="module")
 def short():
-    """Flights of two seconds: what is pinned with them does not need longer ones."""
+    """Shorten the flights of `flight-fast3` to two seconds."""
     from spidar_gym.benchmark.track import TRACKS
 
     track = TRACKS["flight-fast3"]
@@ -18,7 +18,7 @@ def short():
 
 @pytest.fixture(scope="module")
 def done(short, tmp_path_factory):
-    """A finished run: its folder."""
+    """Return the folder of a completed run."""
     from support.training import TINY
 
     from train.lib.config import override

@@ -1,4 +1,4 @@
-"""Pins how `train/` is built: recipes and tools on top of a library, nothing in a circle, nothing hidden."""
+"""Pins the structure of `train/`: recipes on top of a library, no import cycles, documented and short files."""
 
 import ast
 from graphlib import TopologicalSorter
@@ -11,12 +11,12 @@ FILES = {".".join(path.relative_to(TRAIN.parent).with_suffix("").parts): path fo
 
 
 LEARNING = {"train.lib.agent", "train.lib.symmetry", "train.lib.taught", "train.lib.vector"}
-"""The files that load torch and Stable-Baselines3 as they are imported."""
+"""Modules that import torch or Stable-Baselines3 at their top level."""
 FRAMEWORKS = {"torch", "stable_baselines3", "tensorboard", "ray"}
 
 
 def imported(path, *packages):
-    """Modules of packages that a file imports, each with whether that is inside a function or a condition."""
+    """Yield the modules of packages that a file imports, and whether the import is inside a function or condition."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -34,7 +34,7 @@ def imported(path, *packages):
 def test_nothing_is_imported_in_a_circle_and_the_library_knows_no_recipe():
     graph = {name: {module for module, _ in imported(path, "train")} for name, path in FILES.items()}
     assert graph["train.presets"] == {"train.residual"}
-    TopologicalSorter(graph).prepare()  # raises on a circle
+    TopologicalSorter(graph).prepare()  # raises for a cycle
     for name, modules in graph.items():
         if name.startswith("train.lib."):
             assert all(module.startswith("train.lib.") for module in modules), name

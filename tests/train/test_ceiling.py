@@ -1,4 +1,4 @@
-"""Pins the ceiling of a residual with a memory: the laws see the very wrench, and what they know counts in pairs."""
+"""Pins the upper bound of a residual with a memory: laws with the exact wrench, and their paired comparison."""
 
 import gymnasium
 import numpy as np

@@ -1,4 +1,4 @@
-"""Pins the search for the rule's numbers on courses: zeros are the rule, trials share courses, runs resume."""
+"""Pins the search for the rule's parameters on courses: zeros are the rule, trials share courses, runs resume."""
 
 import json
 from dataclasses import replace
@@ -47,7 +47,7 @@ def test_courses_of_a_generation_are_its_own_and_none_to_validate_on():
 
 @pytest.fixture
 def plain(monkeypatch):
-    """Courses without gates: up, over and down."""
+    """Replace the courses by ones without obstacles: take-off, flight and landing."""
     options = {"count": (0, 0), "floors": ("plain",)}
     monkeypatch.setitem(TRACKS, TRACK, replace(TRACKS[TRACK], options=options))
 
@@ -67,7 +67,7 @@ def test_a_course_costs_its_tracks_error_and_zeros_go_as_the_rule(plain):
 
 
 def numbers_of(policy):
-    """Numbers of an artifact that plays, or those of the rule."""
+    """Return the parameters of an artifact's policy, or zeros for the rule."""
     return policy.artifact.biases[0] if isinstance(policy, LearnedPolicy) else np.zeros(len(RANGES))
 
 
@@ -75,7 +75,7 @@ def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(tmp_path, monkey
     calls, stop = [], 0
 
     def bowl(policy, _name, scenarios, **_how):
-        """Instead of courses: errors with their least at numbers of ½."""
+        """Replace courses by errors with their minimum at parameters of ½."""
         calls.append(len(scenarios))
         if len(calls) == stop:
             raise KeyboardInterrupt
@@ -88,7 +88,7 @@ def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(tmp_path, monkey
     monkeypatch.setattr(evaluate, "play", bowl)
     args = override(TINY, generations=4, validations=2, population=6)
     whole = learn(override(args, out=tmp_path / "whole")).read_bytes()
-    assert len(calls) == 2 + 4 * 6 + 2  # base, zeros that are to be the base, trials, validations
+    assert len(calls) == 2 + 4 * 6 + 2  # base, zeros compared with the base, trials, validations
 
     calls, stop = [], 2 + 15
     with pytest.raises(KeyboardInterrupt):

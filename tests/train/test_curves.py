@@ -1,4 +1,4 @@
-"""Pins learning curves: gathered from runs, drawn in absolute numbers from the base on, refused where damaged."""
+"""Pins learning curves: collected from runs, plotted as absolute values from the base on, rejected if damaged."""
 
 import json
 import re
@@ -81,7 +81,7 @@ def test_costs_are_ranges_over_the_runs(tmp_path):
     _, row = cost_lines([curve])
     assert row == ["ppo", "2", "200 k", "0.8 … 2.5", "1336 … 4000", "engine 80%, learner 20%", "200 k", "-25.0 %"]
     for each in curve["runs"]:
-        del each["parts"]  # of a version that did not measure them
+        del each["parts"]  # as in versions that did not measure them
     assert cost_lines([curve])[1][5] == "not measured"
 
 

@@ -1,4 +1,4 @@
-"""Pins what is learned from a teacher: lessons are its commands, a loss in units, the same bytes with the same seed."""
+"""Pins imitation of a teacher: lessons are its commands, units of the loss, and bit-identical results per seed."""
 
 import re
 from dataclasses import replace
@@ -60,10 +60,10 @@ def test_the_loss_counts_forces_and_what_they_add_up_to_in_their_units():
     said = answers.clone()
     said[0, 0] = 1.0 / torso.FORCE
     assert loss(said) == pytest.approx(1.0 / FORCE**2 + 1.0 / NET_FORCE**2, rel=1e-3)
-    said[0, 3] = -1.0 / torso.FORCE  # the other way: the robot feels nothing of the two
+    said[0, 3] = -1.0 / torso.FORCE  # opposite: the total wrench of the two is zero
     assert loss(said) == pytest.approx(2.0 / FORCE**2, rel=1e-3)
     said = answers.clone()
-    said[0, 30] = 1.0  # joints go to their form by themselves
+    said[0, 30] = 1.0  # joint outputs are not part of the loss
     assert loss(said) == 0.0
     levers[0, 0, 1] = 0.5
     said = answers.clone()
@@ -91,17 +91,17 @@ def test_the_same_seed_gives_the_same_bytes_and_a_policy_without_traces_sees_non
     other = read_artifact(learn(override(TINY, seed=1, trace_times=(), out=tmp_path / "c")))
     assert len(other.mean) == torso.FEATURES
     assert other.act(np.zeros(torso.SHOWN)).shape == (40,)
-    assert not np.any(other.weights[-1][24:]), "and leads no joint off its form"
+    assert not np.any(other.weights[-1][24:]), "joint outputs are zero"
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The bytes that a run ends with that was never interrupted."""
+    """Return the artifact's bytes of a run without interruption."""
     return learn(override(TINY, out=tmp_path_factory.mktemp("whole"))).read_bytes()
 
 
 def interrupted(args, monkeypatch, owner, name, n):
-    """What a run says that Ctrl-C stops at the n-th call of a method."""
+    """Interrupt a run at the n-th call of a method; return the note of its `KeyboardInterrupt`."""
     call, left = getattr(owner, name), iter(range(n - 1, -1, -1))
 
     def count(*arguments):
@@ -119,11 +119,11 @@ def interrupted(args, monkeypatch, owner, name, n):
 @pytest.mark.parametrize(
     ("where", "stops"),
     [
-        ((Student, "learn"), (3,)),  # before there is a checkpoint
-        ((Student, "learn"), (24, 1, 8)),  # in round 1, before anything is done again, and in round 2
+        ((Student, "learn"), (3,)),  # before the first checkpoint
+        ((Student, "learn"), (24, 1, 8)),  # in round 1, again right after resuming, and in round 2
         ((Lessons, "write"), (3,)),  # between the lessons of a round and its checkpoint
         ((Run, "publish"), (1,)),  # in the validation of the last round
-        ((Run, "publish"), (2,)),  # when all is done
+        ((Run, "publish"), (2,)),  # at the end of the run
     ],
 )
 def test_a_run_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(where, stops, whole, tmp_path, monkeypatch):
@@ -133,8 +133,8 @@ def test_a_run_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(where, s
         assert re.match(rf"\d of 3 rounds kept in {tmp_path}.*; the same command resumes$", words)
     path = learn(args)
     assert path.read_bytes() == whole
-    assert not (path.parent / "lessons").exists(), "hundreds of megabytes of a real run"
-    assert learn(args).read_bytes() == whole, "a run that is done"
+    assert not (path.parent / "lessons").exists(), "lessons of a completed run remain"
+    assert learn(args).read_bytes() == whole, "resuming a completed run changed the artifact"
 
 
 def test_lessons_that_are_not_those_of_the_run_are_refused_in_one_line(tmp_path, monkeypatch):

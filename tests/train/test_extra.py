@@ -1,4 +1,4 @@
-"""Pins what needs the extra `train`: a run, which says so in one line where it is missing, and no help."""
+"""Pins scripts without the extra `train`: runs fail with an error of one line, and `--help` works."""
 
 import os
 import subprocess
@@ -13,12 +13,12 @@ SCRIPTS = {
     "residual": ["hover-paper-ppo"], "supervised": ["hover-paper"], "gait": ["crawl"], "course": ["rule"],
     "sweep": ["hover-paper-ppo"], "speed": [], "plain": [],
 }  # fmt: skip
-"""Scripts that learn, each with what a run needs to be told."""
+"""Training scripts, each with the arguments that a run needs."""
 
 
 @pytest.fixture
 def called(tmp_path):
-    """Calls a script in an empty folder, where torch is not installed."""
+    """Return a function that calls a script in an empty folder without torch."""
     missing, here = tmp_path / "missing", tmp_path / "here"
     missing.mkdir()
     here.mkdir()

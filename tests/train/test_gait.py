@@ -1,4 +1,4 @@
-"""Pins the search for gait parameters: the table is the network, trials share their crawls, runs resume."""
+"""Pins the search for gait parameters: the network equals the table, trials share their crawls, runs resume."""
 
 import json
 from dataclasses import replace
@@ -28,7 +28,7 @@ SIZE = len(places(TINY.learned))
 
 
 def observe(phase, steps_left, rng):
-    """An observation in a phase, with anything elsewhere."""
+    """Build an observation of a phase, with random values in all other entries."""
     pieces = []
     for piece in crawl_layout(gait.MODE.size):
         value = rng.uniform(-piece.bound, piece.bound, piece.size)
@@ -90,7 +90,7 @@ def test_a_crawl_costs_its_energy_its_time_and_what_is_missing_at_its_end():
     known = 0.025 * found["energy_wh"] / way + 0.015 * found["duration_s"] / way
     assert cost == pytest.approx(
         known + goal + TINY.cost.failure * (not found["success"]), rel=5e-3
-    )  # of where it lies after it has settled
+    )  # the cost uses the distance from the pose after settling
     assert TINY.cost({"failed": True}) == TINY.cost.fall > cost
     lost, won = (TINY.cost({**found, "success": success}) for success in (False, True))
     assert lost == pytest.approx(won + TINY.cost.failure)
@@ -98,7 +98,7 @@ def test_a_crawl_costs_its_energy_its_time_and_what_is_missing_at_its_end():
 
 @pytest.fixture
 def short(monkeypatch):
-    """Validation crawls of two seconds: nobody arrives, but runs are runs."""
+    """Shorten validation crawls to two seconds, in which no robot arrives."""
     track = TINY.tracks[0]
     monkeypatch.setitem(TRACKS, track, replace(TRACKS[track], seconds=2.0))
 
@@ -107,7 +107,7 @@ def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(short, tmp_path,
     calls = []
 
     def bowl(args, piece):
-        """Instead of crawls: a cost with its least at numbers of ½."""
+        """Replace crawls by a cost with its minimum at parameters of ½."""
         calls.append(1)
         if len(calls) == stop:
             raise KeyboardInterrupt
@@ -124,7 +124,7 @@ def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(short, tmp_path,
     stop = 0
     path = learn(override(args, out=tmp_path / "cut"))
     assert path.read_bytes() == whole
-    assert len(calls) == 15 + 12  # two whole generations, a third begun twice
+    assert len(calls) == 15 + 12  # two complete generations, and a third started twice
     curve = json.loads((path.parent / "curve.json").read_text())
     assert [line["steps"] for line in curve["curve"]] == [1200, 2400]
     agent = read_artifact(path)

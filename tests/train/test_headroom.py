@@ -1,4 +1,4 @@
-"""Pins the headroom of the action's channels: rules read what they say, count in pairs, and the table has them all."""
+"""Pins the headroom of the action's channels: actions of the rules, paired comparison, and the table."""
 
 import subprocess
 import sys
@@ -78,7 +78,7 @@ def test_rules_are_counted_against_the_base_in_pairs(monkeypatch):
     found = measure(Args("paper", scenarios=1, workers=1, control=CONTROL))
     attitude = {name: verdict.cells["flight-fast3"]["attitude_rms_rad"] for name, verdict in found.items()}
     assert list(found["nothing"].cells["flight-fast3"].values()) == [0.0, 0.0]
-    # The paper's controller does not know what its moving legs do to the torso: some of it helps, the opposite harms.
+    # The paper's controller does not compensate the torque of its moving legs: a part of it helps, its opposite harms.
     assert attitude["0.25"] < -0.05
     assert attitude["-0.25"] > 0.05
     lines = headroom_table("paper", found).splitlines()

@@ -1,4 +1,4 @@
-"""Pins the residual with a memory: that what is fitted is what is flown, that it helps in wind, and what it writes."""
+"""Pins the residual with a memory: flights match the fit, errors in wind decrease, and the artifact is correct."""
 
 import json
 from dataclasses import replace
@@ -40,7 +40,7 @@ TINY = override(
 
 
 def linear_response(seed=0, ticks=60):
-    """A response of six errors to six entries that dies away."""
+    """Return a decaying response of six errors to six entries."""
     rng = np.random.default_rng(seed)
     return rng.normal(size=(6, 6, 1)) * np.exp(-np.arange(ticks) / 8.0) * 0.01
 
@@ -58,7 +58,7 @@ def test_what_is_fitted_cancels_the_errors_that_the_memory_tells_of_and_leaves_t
     records = {}
     for track, told in (("windy", 1.0), ("calm", 0.0)):
         inputs = rng.normal(size=(6, 160, size)).astype(np.float32) * (0.2 + told)
-        # Behind the force of this tick and the first integral, the first trace of x tells of a force.
+        # The first traces, after the current force and the first integral, determine a force.
         cause = 0.3 * told * inputs[..., external.SIZE : external.SIZE + 3]
         noise = 0.002 * rng.normal(size=(6, 160, 6)).astype(np.float32)
         errors = sent(torch.tensor(cause)).numpy() + noise
@@ -76,8 +76,8 @@ def test_what_is_fitted_cancels_the_errors_that_the_memory_tells_of_and_leaves_t
 
     assert left(records["windy"]) < 0.6
     assert left(records["calm"]) < 1.1
-    assert not found.hidden[:, scale == 0.0].any(), "what it does not see has no weight"
-    assert not found.skip[:, turned(config) > 0.0].any(), "sizes bring no answer of their own"
+    assert not found.hidden[:, scale == 0.0].any(), "ignored inputs have weights"
+    assert not found.skip[:, turned(config) > 0.0].any(), "absolute values have skip weights"
 
 
 def test_what_pulls_the_other_way_is_answered_the_other_way():

@@ -1,4 +1,4 @@
-"""Pins the example in plain Stable-Baselines3: what it saves, with one robot and with several, flies as it says."""
+"""Pins the example with Stable-Baselines3's defaults: its zip flies with the printed command."""
 
 import shlex
 import sys
@@ -20,7 +20,7 @@ def test_what_it_saves_flies_with_the_command_that_it_prints(robots, tmp_path, m
     monkeypatch.setattr(sys, "argv", ["train.plain", "--steps", "1", "--robots", robots])
     plain.main()
     *table, told = capfd.readouterr().out.splitlines()
-    # A rollout of whichever, though one step was asked for; the robot has flown episodes of which it tells.
+    # A whole rollout in both cases, although one step was requested; the log reports episodes.
     assert any("total_timesteps" in line and " 2048 " in line for line in table)
     spidar, *command, out, film = shlex.split(told)
     assert (spidar, out, film) == ("spidar", "--out", "plain.mp4")

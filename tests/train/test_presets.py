@@ -1,4 +1,4 @@
-"""Pins the presets for rl-zoo: the committed files are what the code gives, and Stable-Baselines3 takes every value."""
+"""Pins the presets for rl-zoo: the committed files are up to date, and Stable-Baselines3 accepts every value."""
 
 import subprocess
 import sys
@@ -13,7 +13,7 @@ FILES = sorted((ROOT / "train" / "zoo").glob("*.yml"))
 
 
 def entries(path):
-    import yaml  # Ray brings it
+    import yaml  # a dependency of Ray
 
     return yaml.safe_load(path.read_text(encoding="utf-8"))
 
@@ -49,7 +49,7 @@ def test_rl_zoo_gets_an_entry_for_every_environment_that_a_recipe_learns_in():
     assert [path.stem for path in FILES] == ["ppo", "sac"]
     assert set(entries(FILES[0])) == {preset.env.env_id for preset in PRESETS.values()}
     crawl = entries(FILES[0])["spidar_gym/Crawl-v0"]
-    # A held action is taken apart: what decisions of several ticks are, in ticks.
+    # A held action: values per decision are converted to values per tick.
     env, learner = PRESETS["crawl-ppo"].env, PRESETS["crawl-ppo"].learner
     assert crawl["n_steps"] == learner.ppo.n_steps * env.hold
     assert crawl["gamma"] ** env.hold == pytest.approx(learner.gamma, abs=1e-4)
@@ -66,7 +66,7 @@ def test_stable_baselines_takes_every_value(algorithm, env_id):
     from torch import nn
 
     values = entries(ROOT / "train" / "zoo" / f"{algorithm}.yml")[env_id]
-    # As rl-zoo reads them: expressions are evaluated, `lin_` is a schedule, the rest goes to the constructor.
+    # As in rl-zoo: expressions are evaluated, `lin_` is a schedule, the rest is passed to the constructor.
     env_kwargs = values.pop("env_kwargs")
     makers = [lambda: gymnasium.make(env_id, **env_kwargs)] * values.pop("n_envs")
     envs = VecNormalize(DummyVecEnv(makers), **eval(values.pop("normalize")))

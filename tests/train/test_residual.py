@@ -1,4 +1,4 @@
-"""Pins PPO and SAC: an agent starts as its base, a seed is a run, and interruptions change nothing."""
+"""Pins PPO and SAC: an agent starts as its base, results are reproducible, and interruptions have no effect."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Pins the example in RLlib: one tiny iteration; skipped where it is not, since it needs an environment of its own."""
+"""Pins the example in RLlib with one small iteration; skipped without RLlib, which needs its own environment."""
 
 import re
 import subprocess
@@ -21,14 +21,14 @@ def test_rllib_trains_the_same_id_through_its_own_interface():
     result = called("--iterations", "1", "--batch", "40", "--ticks", "10")
     assert result.returncode == 0, result.stderr
     alone, mean = (float(re.findall(rf"{name} ([\d.]+)", result.stdout)[0]) for name in ("alone:", "mean return"))
-    # Of ten ticks, each with a reward of at most 1.
+    # Ten ticks, each with a reward of at most 1.
     assert 0.0 < alone <= 10.0
     assert 0.0 < mean <= 10.0
 
 
 def test_without_rllib_it_is_said_in_one_line_how_to_get_it():
     try:
-        import ray.rllib  # noqa: F401 - only whether it is there
+        import ray.rllib  # noqa: F401 - tests whether it is installed
     except ImportError:
         result = called()
         assert result.returncode == 2

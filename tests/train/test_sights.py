@@ -1,4 +1,4 @@
-"""Pins the learners of every way of observing: each learns, is judged beside the controller alone, and is told."""
+"""Pins the learners of every observation mode: each is trained, compared with the controller alone and reported."""
 
 import json
 import sys

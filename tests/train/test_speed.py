@@ -1,4 +1,4 @@
-"""Pins the speed of learning: the same work is timed in every column, and every column is a rate."""
+"""Pins the speed measurement of training: every column is a rate, and errors are reported."""
 
 import json
 import os

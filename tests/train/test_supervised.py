@@ -1,4 +1,4 @@
-"""Pins the supervised residual: the network that sees no error, that it helps, and what it writes."""
+"""Pins the supervised residual: inputs without errors, improvement of the base, and written files."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Pins sweeps: seeds on a local cluster learn bit for bit what this process learns; refusals are one line."""
+"""Pins sweeps: results on a local cluster equal those of this process bit for bit; errors take one line."""
 
 import json
 import subprocess

@@ -86,7 +86,7 @@ class TrackRecipe(Recipe):
     tracks: tuple[str, ...]
     """Tracks that define the training environments and the validation scenarios."""
     base: str
-    """Preset of the controller that the residual is added to."""
+    """Base controller, which the policy adds to, imitates or starts from."""
     _: KW_ONLY
     control: str = CONTROL
     """Controller implementation: python, or core, which is compiled and several times faster."""

@@ -1,4 +1,4 @@
-"""Pins settings in groups: every field has a name of its own, on the command line as in a checkpoint."""
+"""Pins settings in groups: every field has a unique name, on the command line and in a checkpoint."""
 
 import dataclasses
 import json
@@ -24,14 +24,14 @@ PRESETS = [(recipe, name) for recipe, module in RECIPES.items() for name in modu
 
 
 def fields(settings):
-    """Names of all fields, in every group."""
+    """Yield the names of all fields, in every group."""
     for field in dataclasses.fields(settings):
         value = getattr(settings, field.name)
         yield from fields(value) if dataclasses.is_dataclass(value) else [field.name]
 
 
 def committed():
-    """Commands of all committed learning curves, each with its settings."""
+    """Yield the commands of all committed learning curves, each with its settings."""
     for path in sorted((ROOT / "train" / "curves").glob("*.json")):
         for run in json.loads(path.read_text(encoding="utf-8"))["runs"]:
             yield run["command"], run["settings"]
@@ -61,7 +61,7 @@ def test_every_command_of_a_committed_curve_gives_the_settings_that_the_curve_ha
         assert {k: found[k] for k in settings if k not in left_out} == {
             k: v for k, v in settings.items() if k not in left_out
         }
-        # What came after the curve is where it changes nothing.
+        # Settings added after the curve was recorded have values without effect.
         later = {k: v for k, v in found.items() if k not in {*settings, *left_out}}
         assert {k for k, v in later.items() if v} <= {"activation", "action_scale", "enlarged"}
         assert later.get("activation", "tanh") == "tanh"

@@ -1,4 +1,4 @@
-"""Pins the environments to learn in: seeds, scaling, held and washed out actions."""
+"""Pins the training environments: seeds, scaling, held actions and washout."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def test_no_seed_of_training_is_one_of_a_scenario():
     drawn = {training_seed(run, *words) for run in range(20) for words in ((0, 3), (1, 7), (2, 1, 5), (3,))}
     assert len(drawn) == 80
     assert min(drawn) >= FIRST_SEED
-    assert max(drawn) < 2**32 - 1000  # numpy's seeds, with room for one an environment
+    assert max(drawn) < 2**32 - 1000  # NumPy's range of seeds, with a margin for one seed per environment
 
 
 def test_a_learner_from_nothing_is_not_blind_in_the_flights_that_it_explores():
@@ -37,7 +37,7 @@ def test_a_learner_from_nothing_is_not_blind_in_the_flights_that_it_explores():
     for _ in range(100):
         action = np.clip(spread * rng.standard_normal((3, *robots.action_space.shape)), -1.0, 1.0)
         seen.append(robots.step(action)[0])
-    # Scaled by a fall without actions, which never turns, half of all rates would lie beyond the clip.
+    # Scaled by falls with zero actions, which do not rotate, half of all rates would exceed the clipping bound.
     for tried, blind in ((spread, False), (0.0, True)):
         scaling = baseline_scaling(config, 3, 400, tried)
         beyond = np.abs(np.concatenate(seen) - scaling.mean) >= scaling.clip * np.sqrt(scaling.variance)

@@ -1,4 +1,4 @@
-"""Pins paired evaluation: an agent begins as its base, errors count in its units, and nothing may get worse."""
+"""Pins paired evaluation: untrained agents equal the base, errors are relative to it, and nothing may get worse."""
 
 import pytest
 

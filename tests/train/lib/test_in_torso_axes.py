@@ -1,4 +1,4 @@
-"""Pins learning in the torso's axes: shown and done is what an artifact sees and does, from nothing or from another."""
+"""Pins training in torso axes: observation and action match those of the artifact, with and without an origin."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ ARGS = override(
 
 @pytest.fixture
 def brief(monkeypatch):
-    """Flights of a second."""
+    """Shorten flights to one second."""
     for name in ("flight-wind", "flight-forms", "flight-paper"):
         monkeypatch.setitem(TRACKS, name, replace(TRACKS[name], seconds=1.0))
 
@@ -48,7 +48,7 @@ def test_errors_enter_larger_and_traces_as_the_errors_that_they_are_of():
     plain = Scaling(rng.normal(size=size), rng.uniform(0.5, 1.5, size))
     large = env.enlarge_errors(plain, 4.0)
     assert large.clip == 3.0 * plain.clip
-    # What of the features follows those pieces of an observation.
+    # Features that depend on these pieces of the observation.
     observation, before = np.zeros(torso.SHOWN), torso.features(np.zeros(torso.SHOWN))
     pieces = torso.entries(*ERRORS, "position_integral", "attitude_integral")
     observation[pieces] = 1.0
@@ -64,7 +64,7 @@ def test_errors_enter_larger_and_traces_as_the_errors_that_they_are_of():
 
 
 def loud(model):
-    """Let an agent say something, close to hovering."""
+    """Set random weights, with commands close to hovering."""
     rng = np.random.default_rng(3)
     layers = [(w, rng.normal(scale=0.05, size=b.shape)) for w, b in actor_layers(model)]
     layers[-1] = tuple(rng.normal(scale=0.02, size=part.shape) for part in layers[-1])
@@ -90,7 +90,7 @@ def test_an_agent_is_shown_and_does_what_its_artifact_sees_and_does(brief):
         for group, k, place in places:
             expected = policies[place].act(seen[place])
             if done[place]:
-                policies[place].reset(0)  # and the robot has begun anew
+                policies[place].reset(0)  # and the robot has been reset
                 over += 1
             else:
                 given = group.vector.robots["episode"]["action"][k, : torso.ACTION]
@@ -176,7 +176,7 @@ def test_the_reward_of_a_flight_counts_far_errors_joints_and_changes(brief):
         robots.seed(0)
         robots.reset()
     first, second = ([robots.step(each)[1].item() for each in said] for robots in (plain, counted))
-    assert second[0] == first[0], "the first of an episode is no change"
+    assert second[0] == first[0], "the first action of an episode is not a change"
     assert second[1] == pytest.approx(first[1] - 0.01, abs=1e-7)
     terms = plain._groups[0].vector.fleet.terms[0]
     info = plain._groups[0]._now()
@@ -217,7 +217,7 @@ def test_a_symmetric_agent_says_turned_what_it_says_and_learning_leaves_it_so(br
     def answers(net, shown):
         set_actor(model, first_layers(net))
         scaling = Scaling(net.mean, net.variance, net.clip)
-        return model.predict(scaling(shown), deterministic=True)[0] - net.biases[-1]  # which is free
+        return model.predict(scaling(shown), deterministic=True)[0] - net.biases[-1]  # which is not tied
 
     assert np.abs(answers(found, seen)).max() > 0.001, "it has learned something"
     np.testing.assert_allclose(answers(found, turn(seen)), torso.SAID_TURN(answers(found, seen)), atol=1e-5)
@@ -241,7 +241,7 @@ def test_only_the_last_layer_learns_and_exploration_fades_evenly_where_that_is_w
     found = read_artifact(learn(args))
     fresh = actor_layers(make_agent(args, make_robots(args, scaling_for(args))))
     for k, (weight, bias) in enumerate(fresh):
-        assert np.allclose(found.biases[k], bias, atol=1e-6) == (k < 2)  # but for what averaging rounds
+        assert np.allclose(found.biases[k], bias, atol=1e-6) == (k < 2)  # up to rounding in the average
         assert np.allclose(found.weights[k], weight[:, : found.weights[k].shape[1]], atol=1e-6) == (k < 2)
     run = Run.of(args, args.env.env_id, args.env.arguments)
-    np.testing.assert_allclose(run.load().learner["policy/log_std"], -2.0, atol=1e-6)  # half-way: of two segments
+    np.testing.assert_allclose(run.load().learner["policy/log_std"], -2.0, atol=1e-6)  # half-way in segment 2 of 2

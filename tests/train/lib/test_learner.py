@@ -1,4 +1,4 @@
-"""Pins the learner: what its actor does not see, and what it leaves still."""
+"""Pins the learner: hidden entries of the observation, and entries of the action that stay 0."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Pins the end of a run: the comparison with the base in words and numbers, and what one does next."""
+"""Pins the final report of a run: comparison with the base, and commands for the next steps."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Pins the response of a pose to a residual wrench: measured pulses against Newton, and their convolution."""
+"""Pins the pulse response of the pose to a residual wrench against Newton's law, and its convolution."""
 
 import numpy as np
 import pytest
@@ -17,21 +17,21 @@ pytestmark = pytest.mark.train
 
 @pytest.fixture(scope="module")
 def paper():
-    """Answer of the paper's controller in one form."""
+    """Return the pulse response with the paper's controller in one form."""
     return pulse_response({"preset": "paper", "action_mode": "residual_wrench"}, 3, RESPONSE_TICKS, CONTROL)
 
 
 def test_a_lasting_force_displaces_the_robot_as_far_as_its_spring_gives(paper):
-    """Newton: F = m k_P x at rest; the sum of a pulse response is the answer to what lasts."""
+    """At rest F = m k_P x; the sum of a pulse response is the response to a constant force."""
     (stiffness, integral, _), *_ = controller_config("paper").centroidal.position_gains
-    assert integral < 0.05 * stiffness  # within the 5 s of the answer it does little
+    assert integral < 0.05 * stiffness  # negligible within the 5 s of the response
     for axis in range(2):
         expected = -WRENCH_AUTHORITY[axis] / (ROBOT.total_mass * stiffness)
         assert paper[axis, axis].sum() == pytest.approx(expected, rel=0.05)
 
 
 def test_a_pulse_moves_the_robot_by_its_momentum_at_most_and_by_half_of_it_at_least(paper):
-    """F dt / m is the speed without a controller; while the rotors turn, damping takes a part of it."""
+    """Without a controller the speed is F dt / m; the damping reduces it while the rotors respond."""
     speed = WRENCH_AUTHORITY[0] / 40.0 / ROBOT.total_mass
     for axis in range(2):
         fastest = np.diff(-paper[axis, axis]).max() * 40.0

@@ -1,4 +1,4 @@
-"""Pins the rewards to learn from: their names, and what the one of crawls prefers."""
+"""Pins the training rewards: their names, and the terms of the reward for crawls."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def test_a_crawl_is_over_when_it_is_finished_and_its_reward_prefers_the_shorter_
         now, before = ({name: np.array([x]) for name, x in told.items()} for told in ({**info, **after}, info))
         return REWARDS["economy"](config, Tick(np.zeros(1), now, before, np.zeros((1, 4)), np.zeros(1))).item()
 
-    assert reward(remaining=0.4) == pytest.approx(0.2)  # a fifth of the way
-    assert reward(energy_wh=2.0) == pytest.approx(-0.1)  # a tenth of what 20 Wh/m are
+    assert reward(remaining=0.4) == pytest.approx(0.2)  # a fifth of the distance
+    assert reward(energy_wh=2.0) == pytest.approx(-0.1)  # a tenth of 20 Wh/m
     assert reward(foot_slip_m=0.05) == pytest.approx(-0.5)
     assert reward(failure_code=1) == -1.0

@@ -1,4 +1,4 @@
-"""Pins a run's folder: a checkpoint that does not fit is refused in words, and the one before it is kept."""
+"""Pins a run's folder: a checkpoint that does not match is rejected, and the previous one is kept."""
 
 import errno
 import pickle
@@ -30,7 +30,7 @@ def test_a_checkpoint_of_another_run_is_refused_and_left_alone(done):
 
 @pytest.fixture
 def spoilt(done, tmp_path):
-    """A run's folder with a checkpoint that was changed."""
+    """Return a function that creates a run's folder with a modified checkpoint."""
 
     def make(change):
         content, arrays = unpack(TITLE, (done / "checkpoint.npz").read_bytes(), sealed=True)
@@ -94,7 +94,7 @@ def test_a_checkpoint_of_an_earlier_version_is_refused_and_not_opened(tmp_path):
 
 
 class Trap:
-    """Bites whoever unpickles it."""
+    """Fails the test when it is unpickled."""
 
     def __reduce__(self):
         return pytest.fail, ("unpickled",)

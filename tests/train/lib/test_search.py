@@ -1,4 +1,4 @@
-"""Pins the searches without a gradient: downhill under any luck that trials share, the same from the same costs."""
+"""Pins gradient-free searches: descent despite noise shared by a generation, equal states from equal costs."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ SIZE = 20
 
 
 def descend(search, least, generations):
-    """Costs are squares of what is missing, with a luck of each generation that is some thousand times as large."""
+    """Minimise a squared distance with an offset common to each generation that is about a thousand times as large."""
     rng, told = np.random.default_rng(0), []
     for _ in range(generations):
         trials = search.ask()
@@ -35,8 +35,8 @@ def test_told_the_same_costs_it_is_in_the_same_state(method):
     config, least = SearchConfig(method, generations=30), np.full(SIZE, 0.4)
     first, second, other = (make_search(config, SIZE, seed) for seed in (3, 3, 4))
     costs = descend(first, least, 12)
-    np.random.default_rng(9).normal(size=5)  # whoever draws meanwhile changes nothing
-    np.random.seed(1)  # noqa: NPY002 - the library's own generator is this one unless it is told otherwise
+    np.random.default_rng(9).normal(size=5)  # other generators have no effect
+    np.random.seed(1)  # noqa: NPY002 - the default generator of the library
     for own in costs:
         second.ask()
         second.tell(own)
