@@ -34,7 +34,7 @@ from spidar_gym.so3 import CROSS
 class Snapshot:
     """Model quantities at one configuration: the coefficients of the centroidal dynamics [Zhao2025, Eq. 3-5].
 
-    Torso axes unless the suffix says otherwise.
+    Torso axes unless the suffix names other axes.
     """
 
     mass: float

@@ -85,12 +85,12 @@ class RobotSpec:
     yaw_axis_z: float = -0.0155
     """Height of the inner yaw axes in the torso [JSK]."""
     yaw_to_pitch: float = 0.0515
-    """From a yaw axis to the pitch axis of the same junction [JSK]."""
+    """Distance from a yaw axis to the pitch axis of the same junction [JSK]."""
     pitch_to_yaw: float = 0.523
-    """From the inner pitch axis to the outer yaw axis, also the length of the rod [JSK]; a longer inner link is
-    stretched along it, and so heavier."""
+    """Distance from the inner pitch axis to the outer yaw axis, also the length of the rod [JSK]; a longer inner link is
+    stretched, and therefore heavier."""
     pitch_to_foot: float = 0.5115
-    """From the outer pitch axis to the centre of the foot sphere [JSK]; a longer outer link likewise."""
+    """Distance from the outer pitch axis to the centre of the foot sphere [JSK]; a longer outer link is stretched too."""
     foot_radius: float = 0.04
     """Radius of the foot sphere [JSK]."""
     rod_radius: float = 0.0125

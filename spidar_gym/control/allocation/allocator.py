@@ -274,7 +274,7 @@ class Allocator:
     def project(self, demand: Demand, forces_l: RotorForces, previous_l: RotorForces) -> Allocation:
         """Find the valid forces nearest to `forces_l`: [Zhao2025, Eq. 12, 13, 30-32] and the thrust spheres hold.
 
-        The wrench of [Zhao2025, Eq. 10] is not enforced.
+        The desired wrench (Eq. 10) is not enforced.
 
         Args:
             demand: The tick's demand; `unallocated_wrench` of the result refers to its wrench.

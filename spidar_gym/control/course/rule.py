@@ -10,7 +10,7 @@ from spidar_gym.control.course.gates import CEILING, Course, Gate
 from spidar_gym.control.course.target import Target
 
 FLOWN, CRAWLED = 1.5, 1.35
-"""Distance before and behind a gate at which a flight begins and ends; distance behind a beam where a crawl ends [m]."""
+"""Distances from a gate at which a flight past it begins and ends; distance behind a beam where a crawl ends [m]."""
 PASSED = 1.25
 """A gate counts as passed this far behind its end [m]; in the air a beam does at its end."""
 OVER, ABOVE, THROUGH = 1.0, 1.0, 1.4
