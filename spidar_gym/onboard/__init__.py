@@ -1,1 +1,1 @@
-"""What goes to the robot: export of core and policy, golden recordings, the runner and its build."""
+"""Code for the real robot: export of core and policy, golden recordings, the runner and its build."""

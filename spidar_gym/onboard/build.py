@@ -1,4 +1,4 @@
-"""The core with a learned policy and the runner, compiled for this machine; each version of the runner once."""
+"""Compile the core with a learned policy, and the runner, for this machine; each version of the runner once."""
 
 import hashlib
 import os
@@ -14,35 +14,35 @@ from spidar_gym.policies.artifact import read_artifact
 from spidar_gym.policies.source import artifact_file
 
 PARTS = ("core", "osqp", "runner")
-"""Where the runner's C sources are in an export, the core's included."""
+"""Folders of an export with the runner's C sources, the core's included."""
 
 
 def arguments(folder: Path) -> list[str]:
-    """What a compiler is told of an exported folder's runner: where headers are, and the C sources."""
+    """Return the compiler arguments for the runner of an exported folder: include paths and C sources."""
     sources = [str(path) for part in PARTS for path in sorted((folder / part).glob("*.c"))]
     return [*(f"-I{folder / part}" for part in (*PARTS, "generated")), *sources, "-lm"]
 
 
 def build_core(path: Path, residual: Path) -> Path:
-    """Compile the library with a learned policy in its core; `path`, where it then lies.
+    """Compile the library with a learned policy in its core; returns `path`.
 
     Args:
-        path: Where it is to lie.
+        path: Path of the library.
         residual: Artifact of the policy.
 
     Raises:
         MissingDependencyError: Without a C compiler.
-        SpidarError: When it does not compile, with the compiler's words, or cannot be written.
+        SpidarError: If it does not compile (with the compiler's output) or cannot be written.
     """
     return compile_library(path, {"spidar_policy.h": policy_header(read_artifact(artifact_file(residual)))})
 
 
 def compile_runner(folder: Path, out: Path) -> Path:
-    """Compile an exported folder's runner without ROS; `out`.
+    """Compile an exported folder's runner without ROS; returns `out`.
 
     Raises:
         MissingDependencyError: Without a C compiler.
-        SpidarError: When it does not compile; with the compiler's words.
+        SpidarError: If it does not compile, with the compiler's output.
     """
     run_tool([*compiler(), *FLAGS, *arguments(folder), "-o", str(out)], "the runner")
     return out
@@ -51,12 +51,12 @@ def compile_runner(folder: Path, out: Path) -> Path:
 def build_runner(
     compile_: Callable[[Path, Path], Path] = compile_runner, name: str = "spidar-runner", residual: Path | None = None
 ) -> Path:
-    """The runner of the present sources, compiled where it is not yet in the user's cache; where it lies.
+    """Compile the runner of the present sources unless it is in the user's cache; returns its path.
 
     Args:
-        compile_: What turns an exported folder into a program.
-        name: Of the program.
-        residual: Artifact of a learned policy that it has with it.
+        compile_: Function that compiles an exported folder to a program.
+        name: Name of the program.
+        residual: Artifact of a learned policy to include.
     """
     files = export_files(golden=False, residual=residual)
     digest = hashlib.sha256(b"".join(name.encode() + b"\0" + data for name, data in sorted(files.items())))

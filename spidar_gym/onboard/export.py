@@ -1,4 +1,4 @@
-"""`spidar export`: the onboard core as a folder that compiles with nothing installed, the same bytes every time."""
+"""`spidar export`: write the onboard core as a folder that needs only a C compiler, with reproducible bytes."""
 
 import hashlib
 import json
@@ -29,14 +29,14 @@ from spidar_gym.policies.source import artifact_file
 from spidar_gym.robot import ROBOT, RobotSpec
 
 ONBOARD = Path(__file__).resolve().parent
-"""Sources of everything that runs on the robot around the core."""
+"""Sources of the programs around the core on the robot."""
 PARTS = {
     "core": (CORE, "*.[ch]"), "runner": (RUNNER, "*.[ch]*"), "msg": (ONBOARD / "msg", "*.msg"),
     "examples": (ONBOARD / "examples", "*.c"),
 }  # fmt: skip
-"""Exported folder → folder of hand-written sources, and which of their files."""
+"""Exported folder → folder of hand-written sources, and pattern of the files."""
 PAGES = ("CMakeLists.txt", "package.xml", "README.md")
-"""Files beside them."""
+"""Files at the top of the export."""
 
 
 def export_files(
@@ -47,17 +47,17 @@ def export_files(
     extra: Mapping[str, bytes] | None = None,
     robot: RobotSpec = ROBOT,
 ) -> dict[str, bytes]:
-    """Path → content of the exported folder, the same at every call.
+    """Return path → content of the exported folder; reproducible.
 
     Args:
-        golden: With recorded inputs and the reference's outputs.
-        residual: Artifact of a learned policy that adds to the controller.
-        rate: Largest change of every entry of its action in a second [1/s].
-        extra: Further files that are to lie in the folder.
-        robot: Which robot it is for; what was learned is of the nominal one.
+        golden: Whether to include recorded inputs and the Python controller's outputs.
+        residual: Artifact of a learned policy.
+        rate: Largest rate of every entry of the policy's action [1/s].
+        extra: Additional files of the folder.
+        robot: The robot; a learned policy requires the nominal one.
 
     Raises:
-        SpidarError: For an artifact that cannot be read, or that adds to no controller; for one, and another robot.
+        SpidarError: If the artifact cannot be read or exported, or is combined with another robot.
     """
     files: dict[str, bytes] = dict(extra or {})
     artifact, origin = None, None
@@ -105,14 +105,14 @@ def export(
     folder: Path, *, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] | None = None,
     robot: RobotSpec = ROBOT,
 ) -> list[str]:  # fmt: skip
-    """Write the folder, whole or not at all; the names of its files.
+    """Write the folder, completely or not at all; returns the names of its files.
 
     `residual`, `rate`, `extra` and `robot` are as for `export_files`.
 
     Raises:
-        SpidarError: Where something else is there, or nothing can be written.
+        SpidarError: If the folder holds other files or cannot be written.
     """
-    folder = Path(os.path.realpath(folder))  # a link to a folder stays; its folder is written
+    folder = Path(os.path.realpath(folder))  # keep a link to a folder, write the folder
     try:
         free = not folder.exists() or not any(folder.iterdir()) or (folder / "MANIFEST.json").is_file()
     except OSError as error:
@@ -126,7 +126,7 @@ def export(
 
 
 def write_files(files: dict[str, bytes], folder: Path) -> None:
-    """Write path → content under a folder."""
+    """Write files (path → content) under a folder."""
     for name, data in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)

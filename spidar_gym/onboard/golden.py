@@ -1,4 +1,4 @@
-"""Golden vectors: a recorded flight and crawl, what went in and what the readable controller answered."""
+"""Golden vectors: inputs of a flight and a crawl, and the outputs of the Python controller."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -23,7 +23,7 @@ FLIGHT_TICKS, CRAWL_TICKS = 200, 500
 
 
 def _struct(name: str, value: object = None, **members: Any) -> bytes:  # noqa: ANN401 - any struct's members
-    """A struct of the runner: of a dataclass, or of its members, dataclasses among them; those not named are zero."""
+    """Return a struct of the runner as bytes, from a dataclass or from members; other members are zero."""
     record = np.zeros((), log_layouts()[name])
     if value is not None:
         fill(record, value)
@@ -36,47 +36,47 @@ def _struct(name: str, value: object = None, **members: Any) -> bytes:  # noqa: 
 
 
 class Log:
-    """A log that is being written: inputs, and what somebody answered."""
+    """A log in memory: inputs, and the outputs of a controller."""
 
     def __init__(self, kind: LogKind, config: object, struct: str, robot: RobotSpec = ROBOT) -> None:
-        """Begin with a configuration, of the struct named, for a robot."""
+        """Begin with a configuration, as the struct `struct`, for a robot."""
         self._kind, self._robot, self._inputs, self._outputs = kind, robot, [], []
         self._front = [_struct(struct, config)]
 
     def start(self, state: RobotState, joint_position: np.ndarray, trim: np.ndarray | None) -> None:
-        """A flight's first state."""
+        """Add a flight's first state."""
         known = {} if trim is None else {"has_trim": 1, "trim": trim}
         self._front.append(_struct("log_start", state=state, joint_position=joint_position, **known))
 
     def move(self, state: RobotState, way: tuple[float, ...]) -> None:
-        """A crawl's first state and where it goes: x, y [m], yaw [rad]."""
+        """Add a crawl's first state and displacement: x, y [m], yaw [rad]."""
         self._front += [_struct("robot_state", state), _struct("move", way=way), _struct("move", cycles=-1)]
 
     def add(self, state: RobotState, reference: Reference | None) -> None:
-        """What went into a tick."""
+        """Add the input of a tick."""
         known = {} if reference is None else {"reference": reference}
         self._inputs.append(_struct("log_input", state=state, residual=NO_RESIDUAL, **known))
 
     def answer(self, command: Command, allocation: Allocation) -> None:
-        """What came out of it."""
+        """Add the output of a tick."""
         forces, status = allocation.forces_l.reshape(-1), STATUS.index(allocation.status)
         self._outputs.append(
             _struct("log_output", command=command, forces_l=forces, status=status, iterations=allocation.iterations)
         )
 
     def inputs(self) -> bytes:
-        """The file that `runner replay` reads."""
+        """Return the file that `runner replay` reads."""
         magic, interface = (list(word.encode()) for word in (MAGIC, runner_hash(self._robot)))
         head = _struct("log_head", magic=magic, interface=interface, kind=self._kind, ticks=len(self._inputs))
         return b"".join([head, *self._front, *self._inputs])
 
     def outputs(self) -> bytes:
-        """What it should write, to rounding."""
+        """Return the file that `runner replay` should write, up to rounding."""
         return b"".join(self._outputs)
 
 
 class _Recorded(PresetPolicy):
-    """The controller alone; what goes into each of its ticks is logged before it."""
+    """The controller alone; logs the input of each tick before the tick."""
 
     def __init__(self, env: HoverEnv | CrawlEnv, log: Log) -> None:
         self._env, self._log = env, log
@@ -88,7 +88,7 @@ class _Recorded(PresetPolicy):
 
 
 def _finished(log: Log, env: HoverEnv | CrawlEnv, steps: Iterable[object]) -> Log:
-    """The log, after the rest of its episode."""
+    """Run the rest of the episode, log the outputs, and return the log."""
     for _ in steps:
         last = env.controller.last_step
         assert last is not None
@@ -97,7 +97,7 @@ def _finished(log: Log, env: HoverEnv | CrawlEnv, steps: Iterable[object]) -> Lo
 
 
 def record_flight(ticks: int = FLIGHT_TICKS, robot: RobotSpec = ROBOT) -> Log:
-    """A flight of the readable controller, at the robot's iteration cap."""
+    """Record a flight of the Python controller, with the robot's iteration cap."""
     env = HoverEnv(
         preset="tuned", forms="independent", joint_speed=1.0, sensors=True, control="python",
         max_iter=ONBOARD_ITERATIONS, robot=robot,
@@ -109,7 +109,7 @@ def record_flight(ticks: int = FLIGHT_TICKS, robot: RobotSpec = ROBOT) -> Log:
 
 
 def record_crawl(ticks: int = CRAWL_TICKS, robot: RobotSpec = ROBOT) -> Log:
-    """A crawl of the readable controller, at the robot's iteration cap."""
+    """Record a crawl of the Python controller, with the robot's iteration cap."""
     env = CrawlEnv(
         preset="published", distance=0.2, direction=0.3, turn=0.2, sensors=True, control="python",
         max_iter=ONBOARD_ITERATIONS, robot=robot,
@@ -121,7 +121,7 @@ def record_crawl(ticks: int = CRAWL_TICKS, robot: RobotSpec = ROBOT) -> Log:
 
 
 def golden_files(robot: RobotSpec = ROBOT) -> dict[str, bytes]:
-    """Inputs and the readable controller's outputs, as the export of a robot holds them."""
+    """Return the inputs and the Python controller's outputs, as files of a robot's export."""
     logs = {"flight": record_flight(robot=robot), "crawl": record_crawl(robot=robot)}
     return {
         f"golden/{name}.{what}": data

@@ -1,4 +1,4 @@
-"""A learned policy for the onboard core: network, normaliser, bounds and authorities as a header of exact numbers."""
+"""Export a learned policy to a C header: network, normaliser, bounds and authorities, as exact numbers."""
 
 import inspect
 import math
@@ -26,18 +26,18 @@ TORSO_UNITS = {
     "FORCE": torso.FORCE, "OFFSET": torso.OFFSET, "SPEED": torso.SPEED, "ACCELERATION": torso.ACCELERATION,
     "SURE": torso.SURE, "HOLD": torso.HOLD, "JOINT_LIMIT": ROBOT.joint_limit,
 }  # fmt: skip
-"""What a network in torso axes says, by names in C."""
+"""Constants of a network in torso axes, by names in C."""
 PLACES = {
     "JOINTS": "joint_position", "SINE": "vectoring_sine", "COSINE": "vectoring_cosine", "THRUST": "thrust_command",
     "COMMAND_SINE": "vectoring_command_sine", "COMMAND_COSINE": "vectoring_command_cosine",
     "ACTION": "previous_action", "SPEEDS": "joint_command_velocity", "ASIDE": "joint_target_error",
     "VELOCITY": "velocity_error", "ATTITUDE": "attitude_error", "INTEGRAL": "position_integral",
 }  # fmt: skip
-"""Pieces of a flight's observation that the core itself reads, by names in C."""
+"""Entries of the flight observation that the core reads, by names in C."""
 BLOCK = 32
-"""Outputs of a layer that the core computes side by side."""
+"""Number of a layer's outputs that the core computes side by side."""
 RATE = 10.0
-"""Largest change of every entry of an action in a second; from −1 to 1 it is 2."""
+"""Largest rate of every entry of an action [1/s]; the range −1 … 1 has length 2."""
 ENVIRONMENTS = {
     HOVER: ("SP_POLICY_FLIGHT", HoverEnv, actions.ACTION_MODES, layout),
     CRAWL: ("SP_POLICY_CRAWL", CrawlEnv, actions.CRAWL_MODES, crawl_layout),
@@ -46,15 +46,15 @@ ENVIRONMENTS = {
 
 
 def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
-    """spidar_policy.h: a policy, or that there is none.
+    """Return the text of spidar_policy.h, for a policy or for none.
 
     Args:
-        artifact: Network and origin.
-        rate: Largest change of every entry of an action in a second [1/s].
+        artifact: The policy, or None for none.
+        rate: Largest rate of every entry of an action [1/s].
 
     Raises:
         UnknownNameError: For an environment or action mode that does not exist.
-        InvalidValueError: For a policy that adds to no controller, does not fit its environment or is too large for C.
+        InvalidValueError: If the core does not support the policy, or the policy does not fit its environment.
     """
     if not (isinstance(rate, int | float) and 0.0 < rate < math.inf):
         raise InvalidValueError("residual_rate", rate, "a number above 0")
@@ -67,7 +67,7 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
     sizes = (len(artifact.mean), *(len(bias) for bias in artifact.biases))
     traces = len(artifact.traced) * len(artifact.trace_times)
     _check_sizes(artifact, max(sizes), traces, (len(bound), mode.size))
-    # A controller of one's own has no name.
+    # A custom controller has no name.
     preset = "" if "controller" in artifact.arguments else str(_argument(artifact, env, "preset"))
     added = mode.channels if mode.residual else ()
     channels = " | ".join(f"SP_CHANNEL_{channel.name.upper()}" for channel in added) or "0"
@@ -77,7 +77,7 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
     words["RELU"] = int(artifact.activation == "relu")
     words["SQUASH"] = int(artifact.output == "tanh")
     words["CLIP"] = f"{hex_float(artifact.clip)} /* of a normalised observation */"
-    words["STEP"] = f"{hex_float(rate / CONTROL_RATE)} /* largest change of an action in a tick: {rate:g} a second */"
+    words["STEP"] = f"{hex_float(rate / CONTROL_RATE)} /* largest change of an action per tick: {rate:g} per second */"
     share = Washout(artifact.washout).share
     *first, (weight, bias) = zip(artifact.weights, artifact.biases, strict=True)
     layers = (*first, (weight[:said], bias[:said]))
@@ -107,32 +107,30 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
 
 
 def _argument(artifact: Artifact, env: type, name: str) -> object:
-    """What the environment was told, or takes by default."""
+    """Return an argument of the artifact's environment, or its default."""
     return artifact.arguments.get(name, inspect.signature(env).parameters[name].default)
 
 
 def _mode(artifact: Artifact, name: str, modes: dict[str, ActionMode]) -> ActionMode:
-    """The action mode, where the core has it: one that adds to the controller, or `direct` in flight."""
+    """Return the action mode if the core supports it: one that adds to the controller, or `direct` in flight."""
     mode = actions.find_action_mode(name, modes)
     if mode.residual is None and artifact.env_id != HOVER:
         adding = ", ".join(n for n, m in modes.items() if m.residual is not None)
         raise InvalidValueError(f"action mode of {artifact.name}", name, f"one that adds to the controller: {adding}")
     if mode.residual is None and artifact.washout.any():
-        raise InvalidValueError(
-            f"washout of {artifact.name}", "given", "none without a controller, where what stays flies"
-        )
+        raise InvalidValueError(f"washout of {artifact.name}", "given", "none without a controller")
     return mode
 
 
 def _said(artifact: Artifact) -> int:
-    """How many of its answers, from the first on, are ever anything but 0: what it never says costs no time."""
+    """Return the number of leading outputs up to the last that is not always 0: the others need not be computed."""
     parts = [artifact.weights[-1], artifact.biases[-1][:, None], *([artifact.skip] if artifact.skip.size else [])]
     loud = np.flatnonzero(np.any([np.any(part != 0.0, axis=1) for part in parts], axis=0))
     return int(loud[-1]) + 1 if loud.size else 1
 
 
 def blocks(weights: np.ndarray, biases: np.ndarray) -> np.ndarray:
-    """A layer as the core reads it: the weights of every `BLOCK` outputs by input, then all biases, padded with 0."""
+    """Return a layer in the core's order: weights of every `BLOCK` outputs by input, then all biases, padded with 0."""
     out, size = weights.shape
     padded = np.zeros((-(-out // BLOCK) * BLOCK, size), np.float32)
     padded[:out] = weights
@@ -142,7 +140,7 @@ def blocks(weights: np.ndarray, biases: np.ndarray) -> np.ndarray:
 
 
 def _check_sizes(artifact: Artifact, width: int, traces: int, shown: tuple[int, int]) -> None:
-    """Refuse a network that does not fit its environment, or the core's arrays."""
+    """Refuse a network that does not fit its environment or the core's arrays."""
     if (artifact.sees, artifact.answers) != shown:
         raise InvalidValueError("network", f"{artifact.sees} to {artifact.answers}", f"{shown[0]} to {shown[1]}")
     found = (
@@ -157,7 +155,7 @@ def _check_sizes(artifact: Artifact, width: int, traces: int, shown: tuple[int, 
 
 
 def _torso_words() -> dict[str, object]:
-    """Units of a network in torso axes, and where it finds what in an observation."""
+    """Return the units of a network in torso axes, and the entries of the observation that it reads."""
     return {
         "TORSO": 1,
         "KEPT_SIZE": len(torso.KEPT_ENTRIES),
@@ -167,16 +165,16 @@ def _torso_words() -> dict[str, object]:
 
 
 def _places() -> dict[str, int]:
-    """Where which pieces of the observation begin."""
+    """Return the index of each entry in `PLACES` of the observation."""
     return {f"AT_{name}": int(torso.entries(piece)[0]) for name, piece in PLACES.items()}
 
 
 def _words(kind: str, name: str, preset: str, sizes: tuple[int, ...], channels: str) -> dict[str, object]:
-    """Constants by name without `SP_POLICY_`, as they are without a network."""
+    """Return the constants by name without `SP_POLICY_`, with the values of an export without a policy."""
     return {
         "KIND": kind,
         "NAME": f'"{name}"',
-        "PRESET": f'"{preset}" /* whose controller it adds to */',
+        "PRESET": f'"{preset}" /* preset of the controller that it adds to */',
         "LAYERS": len(sizes) - 1,
         "SIZES": f"{{{', '.join(map(str, sizes))}}}",
         "BLOCK": BLOCK,
@@ -200,7 +198,7 @@ def _words(kind: str, name: str, preset: str, sizes: tuple[int, ...], channels: 
 
 
 def _header(what: str, words: dict[str, object], arrays: dict[str, np.ndarray]) -> str:
-    """The header; arrays that are missing have one zero, since C knows none of length 0."""
+    """Return the header; missing arrays have one zero, since C has no arrays of length 0."""
     lines = [f"#define SP_POLICY_{name} {value}" for name, value in words.items()]
     for name in ("TRACED", "KEPT"):
         lines += ["", *array("int", f"SP_POLICY_{name}", [str(k) for k in arrays.get(name, np.zeros(1, int)).tolist()])]

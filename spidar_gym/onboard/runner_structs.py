@@ -1,4 +1,4 @@
-"""What the runner shares with Python: its words, its topics, and the structs of missions, logs and links."""
+"""Definitions shared by the runner and Python: messages, topics, and structs of missions, logs and links."""
 
 from collections.abc import Sequence
 from enum import IntEnum
@@ -33,21 +33,21 @@ RUNNER = Path(__file__).resolve().parent / "runner"
 MAGIC = "SPIDAR01"
 """First characters of a log."""
 MAX_FORMS, MAX_WINDOWS, MAX_MOVES = 64, 8, 16
-"""Forms, windows and moves that a mission has room for."""
+"""Largest numbers of forms, windows and moves in a mission."""
 ORDER_TEXT, MOST_ORDERS, REASON = 1024, 16, 160
-"""Characters of the orders that come in a tick, how many they are at most, for whether a crawl is within reach takes
-time to find out, and characters of the sentence that refuses them."""
+"""Characters of the orders of one tick; their largest number, limited because checking the reach of a crawl takes time;
+characters of the sentence that refuses them."""
 N_NAMES = N_JOINTS + 2 * N_ROTORS
 """Names of `joint_states`: joints, then gimbals."""
 TOPICS = {
     "joints": ("joint_states", 1.0 / ENCODER_PERIOD), "imu": ("imu", 1.0 / IMU_PERIOD),
     "pose": ("mocap/pose", 1.0 / POSE_PERIOD), "odometry": ("uav/cog/odom", 100.0), "state": ("flight_state", 0.0),
 }  # fmt: skip
-"""Topics that the runner listens to, in its order: name, and the rate that it expects [Hz], 0 for any."""
+"""Topics that the runner subscribes to, in its order: name, and expected rate [Hz], 0 for any."""
 
 
 class FlightState(IntEnum):
-    """States of the robot's own flight stack; the last two are reported over them [JSK]."""
+    """States of the robot's own flight stack; the last two replace the others when they are reported [JSK]."""
 
     ARM_OFF = 0
     START = 1
@@ -61,7 +61,7 @@ class FlightState(IntEnum):
 
 
 class MissionKind(IntEnum):
-    """What a mission is."""
+    """Kind of a mission."""
 
     FLIGHT = 0
     CRAWL = 1
@@ -69,7 +69,7 @@ class MissionKind(IntEnum):
 
 
 class LogKind(IntEnum):
-    """What a log is of."""
+    """Kind of a log."""
 
     FLIGHT = 0
     CRAWL = 1
@@ -77,7 +77,7 @@ class LogKind(IntEnum):
 
 
 class Stage(IntEnum):
-    """Where the runner is: it drives once in its life, and gives back for good."""
+    """Stage of the runner: it drives once, and after release never again."""
 
     WAITING = 0
     DRIVING = 1
@@ -89,7 +89,7 @@ class Stage(IntEnum):
 
 
 class Heard(IntEnum):
-    """What became of the orders that came with a tick."""
+    """Result of the orders received in a tick."""
 
     NOTHING = 0
     TAKEN = 1
@@ -97,7 +97,7 @@ class Heard(IntEnum):
 
 
 class Action(IntEnum):
-    """What the links do with an answer of the runner."""
+    """Action of the link after a tick of the runner."""
 
     SILENT = 0
     PUBLISH = 1
@@ -122,7 +122,7 @@ FAULTS = {
     "BAD_COMMAND": "a command is out of bounds",
     "LOW_BATTERY": "the battery is low",
 }
-"""What can be wrong, and how the runner says it."""
+"""Faults, and the runner's message for each."""
 
 
 def _of(kind: type[IntEnum], prefix: str = "") -> Enumeration:
@@ -135,62 +135,62 @@ def _of(kind: type[IntEnum], prefix: str = "") -> Enumeration:
 ENUMERATIONS = (
     _of(FlightState, "STATE_"), _of(MissionKind, "MISSION_"), _of(LogKind, "LOG_"), _of(Stage), _of(Heard, "HEARD_"),
     _of(Action),
-    Enumeration("fault", "What is wrong.", tuple(FAULTS), count="FAULTS"),
-    Enumeration("topic", "Topics that the runner listens to.", tuple(TOPICS), "TOPIC_", count="TOPICS"),
+    Enumeration("fault", "Faults.", tuple(FAULTS), count="FAULTS"),
+    Enumeration("topic", "Topics that the runner subscribes to.", tuple(TOPICS), "TOPIC_", count="TOPICS"),
 )  # fmt: skip
 RUNNER_STRUCTS: Sequence[CStruct] = (
     CStruct("form", "A form to fly to.", (
         ("start", "f8", (), "since the take-over [s]"),
         ("joint_target", "f8", (N_JOINTS,), "[rad]"),
     )),
-    CStruct("window", "When the interference rows are dropped.", (
+    CStruct("window", "Interval without interference rows.", (
         ("start end", "f8", (), "since the take-over [s]"),
     )),
     CStruct("move", "A move on the ground.", (
-        ("way", "pose2", (), "seen from where it begins"),
-        ("cycles unused", "i4", (), "0 cycles: as many as it takes"),
+        ("way", "pose2", (), "displacement relative to its start"),
+        ("cycles unused", "i4", (), "cycles: 0 for as many as necessary"),
     )),
-    CStruct("limits", "When it is enough.", (
-        ("settle", "f8", (), "with good samples before the take-over [s]"),
-        ("pose_age imu_age joint_age state_age", "f8", (), "oldest sample that still counts [s]"),
+    CStruct("limits", "Limits of a mission.", (
+        ("settle", "f8", (), "time with good samples before the take-over [s]"),
+        ("pose_age imu_age joint_age state_age", "f8", (), "largest age of a valid sample [s]"),
         ("gap", "f8", (), "longest time between two ticks [s]"),
         ("tilt", "f8", (), "[rad]"),
         ("fence_low fence_high", "f8", (3,), "of the torso, world [m]"),
-        ("hold_ticks", "i4", (), "a fault is held for so long before the landing is forced"),
-        ("landing_ticks", "i4", (), "the landing is commanded for so long before silence"),
+        ("hold_ticks", "i4", (), "ticks of a fault before the landing is forced"),
+        ("landing_ticks", "i4", (), "ticks of the landing command before silence"),
     )),
-    CStruct("mission", "What the runner does once it drives, and the limits within which it goes on.", (
+    CStruct("mission", "A mission: what the runner does while it drives, and its limits.", (
         ("kind", "i4", (), "sp_mission_kind: a flight begins in HOVER, a crawl and a course in ARM_ON"),
-        ("odometry", "i4", (), "1 takes the lab's estimate `uav/cog/odom`, 0 estimates from mocap and inertial unit"),
-        ("residual", "i4", (), "1 lets the exported residual add"),
+        ("odometry", "i4", (), "1: use the lab's estimate `uav/cog/odom`; 0: estimate from mocap and inertial unit"),
+        ("residual", "i4", (), "1: use the exported policy"),
         ("form_count window_count move_count order_count", "i4", (), ""),
-        ("has_goal", "i4", (), "of a course: whether it goes by the map, not by orders"),
+        ("has_goal", "i4", (), "course: whether it follows the map instead of orders"),
         ("limits", "limits", (), ""),
         ("controller", "controller_config", (), ""),
         ("crawler", "crawler_config", (), ""),
-        ("manager", "manager_config", (), "of a course, but for the two above, which it has"),
+        ("manager", "manager_config", (), "course; its two controller configurations are those above"),
         ("estimator", "estimator_config", (), ""),
         ("forms", "form", (MAX_FORMS,), ""),
         ("windows", "window", (MAX_WINDOWS,), ""),
         ("moves", "move", (MAX_MOVES,), ""),
-        ("orders", "waypoint", (MAX_WAYPOINTS,), "of a course"),
-        ("map", "course", (), "likewise; nothing is known of its tiles but how high they are"),
-        ("end", "f8", (), "of the flight, since the take-over; it goes on hovering [s]"),
+        ("orders", "waypoint", (MAX_WAYPOINTS,), "course"),
+        ("map", "course", (), "course; of its tiles only the height is known"),
+        ("end", "f8", (), "of the flight, since the take-over; then it hovers [s]"),
     )),
     CStruct("log_head", "Head of a log; see runner.h for what follows it.", (
         ("magic", "u1", (len(MAGIC),), "SP_LOG_MAGIC"),
         ("interface", "u1", (32,), "SP_RUNNER_INTERFACE"),
         ("kind ticks", "i4", (), "sp_log_kind; of a run 0 ticks: to the end of the file"),
     )),
-    CStruct("log_start", "Flight: what follows the configuration.", (
+    CStruct("log_start", "Flight log: data after the configuration.", (
         ("state", "robot_state", (), ""),
-        ("joint_position", "f8", (N_JOINTS,), "q^d to start from [rad]"),
+        ("joint_position", "f8", (N_JOINTS,), "initial q^d [rad]"),
         ("has_trim unused", "i4", (), ""),
-        ("trim", "f8", (6,), "wrench that a hover is known to take [N, Nm]"),
+        ("trim", "f8", (6,), "known hover wrench beyond the weight [N, Nm]"),
     )),
     CStruct("log_input", "One tick of input.", (
         ("state", "robot_state", (), ""),
-        ("reference", "reference", (), "not read on the ground"),
+        ("reference", "reference", (), "not used by a crawl"),
         ("has_residual unused", "i4", (), ""),
         ("residual", "residual", (), ""),
     )),
@@ -199,7 +199,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("forces_l", "f8", (N_FORCES,), "allocated [N]"),
         ("status iterations", "i4", (), "sp_status; of the solvers"),
     )),
-    CStruct("log_clock", "How late a tick of a run began, negative without a clock, and how long it took.", (
+    CStruct("log_clock", "Delay of a tick of a run (negative without a clock), and its computing time.", (
         ("wait_us compute_us", "f8", (), "[us]"),
     )),
     CStruct("odometry", "The lab's own estimate, `uav/cog/odom`.", (
@@ -208,26 +208,26 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("quat_wb", "f8", (4,), "attitude of the torso (w, x, y, z)"),
         ("velocity_w omega_b", "f8", (3,), "of the CoG in the world; torso axes"),
     )),
-    CStruct("loop_input", "What a link has heard since the last tick. Samples as they came: nothing is checked yet.", (
-        ("time", "f8", (), "now, of the clock that stamps the samples [s]"),
-        ("flight_state_time", "f8", (), "when the flight state was heard last [s]"),
+    CStruct("loop_input", "Messages received since the last tick; samples are not checked yet.", (
+        ("time", "f8", (), "now, by the clock of the samples' stamps [s]"),
+        ("flight_state_time", "f8", (), "time of the last flight state [s]"),
         ("flight_state", "i4", (), "sp_flight_state; −1 before the first"),
-        ("has_odometry", "i4", (), "whether a new one came"),
-        ("has_thrust", "i4", (), "whether somebody else told the rotors something"),
+        ("has_odometry", "i4", (), "whether a new one was received"),
+        ("has_thrust", "i4", (), "whether another node commanded the rotors"),
         ("unused", "i4", (), ""),
-        ("thrust", "f8", (N_ROTORS,), "what somebody else told the rotors last [N]"),
+        ("thrust", "f8", (N_ROTORS,), "last command of another node [N]"),
         ("odometry", "odometry", (), ""),
         ("measurement", "measurement", (), ""),
-        ("orders", "u1", (ORDER_TEXT,), "lines for a course that is under way, up to a zero; empty for none"),
+        ("orders", "u1", (ORDER_TEXT,), "lines for the present course, zero-terminated; empty for none"),
     )),
-    CStruct("loop_output", "What the runner answers.", (
+    CStruct("loop_output", "Output of a tick of the runner.", (
         ("action", "i4", (), "sp_action"),
         ("stage", "i4", (), "sp_stage"),
         ("fault", "i4", (), "sp_fault"),
         ("status", "i4", (), "sp_status of the allocation"),
         ("iterations finished", "i4", (), "of the solver; whether the mission is over"),
-        ("phase timeouts", "i4", (), "of the gait: sp_phase, and how many ended by time-out"),
-        ("manager_phase to_do", "i4", (), "of a course: sp_manager_phase, and how many orders are not done"),
+        ("phase timeouts", "i4", (), "gait: sp_phase, and number of phases ended by time-out"),
+        ("manager_phase to_do", "i4", (), "course: sp_manager_phase, and number of pending orders"),
         ("heard unused", "i4", (), "sp_heard"),
         ("mission_time", "f8", (), "since the take-over [s]"),
         ("command", "command", (), ""),
@@ -235,9 +235,9 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("reference", "reference", (), ""),
         ("joint_torques", "f8", (N_JOINTS,), "allocated [Nm]"),
         ("forces_l", "f8", (N_FORCES,), "allocated [N]"),
-        ("policy_action", "f8", (MAX_ACTION,), "of the learned residual, 0 where it is off"),
+        ("policy_action", "f8", (MAX_ACTION,), "of the learned policy, 0 if off"),
     )),
-    CStruct("sense", "What the runner makes of the samples.", (
+    CStruct("sense", "Memory of the checks and of the estimate.", (
         ("started has_pose", "i4", (), ""),
         ("pose_time imu_time joint_time", "f8", (), "of the newest good samples [s]"),
         ("pose_position_w", "f8", (3,), ""),
@@ -246,28 +246,28 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("estimator", "estimator", (), ""),
         ("state", "robot_state", (), ""),
     )),
-    CStruct("loop", "All that the runner remembers.", (
+    CStruct("loop", "Memory of the runner.", (
         ("mission", "mission", (), ""),
         ("sense", "sense", (), ""),
         ("flight", "flight", (), ""),
         ("crawl", "crawl", (), ""),
-        ("manager", "manager", (), "of a course"),
-        ("pilot", "pilot", (), "of one that goes by a map"),
+        ("manager", "manager", (), "course"),
+        ("pilot", "pilot", (), "course with a map"),
         ("policy", "policy", (), ""),
-        ("goal", "f8", (3,), "of a crawl: x, y [m], yaw [rad], world"),
+        ("goal", "f8", (3,), "crawl: x, y [m], yaw [rad], world"),
         ("reference", "reference", (), ""),
         ("command", "command", (), ""),
-        ("answer", "loop_output", (), "the last one"),
+        ("answer", "loop_output", (), "last output"),
         ("last good_since taken_over", "f8", (), "[s]"),
         ("held", "f8", (), "how long old commands have been in force [s]"),
-        ("trim", "f8", (6,), "what the robot's own stack adds to the weight to hover [N, Nm]"),
-        ("left", "f8", (), "of the thrust with which a rest began, a share"),
+        ("trim", "f8", (6,), "hover wrench of the robot's own stack beyond the weight [N, Nm]"),
+        ("left", "f8", (), "remaining share of the thrust at the start of the rest"),
         ("has_last stage fault landing has_trim finished", "i4", (), ""),
-        ("ending told", "i4", (), "sp_fault that ends a course; whether it was ever told anything, by a map: is there"),
-        ("by_map undecided", "i4", (), "whether the map decides; ticks until it does again"),
-        ("reason", "u1", (REASON,), "why orders were refused last"),
+        ("ending told", "i4", (), "sp_fault that ends a course; whether it had orders or, with a map, is at the goal"),
+        ("by_map undecided", "i4", (), "whether the map is followed; ticks until the next decision"),
+        ("reason", "u1", (REASON,), "why the last orders were refused"),
     )),
-    CStruct("sim_hello", "The first thing that the simulator says.", (
+    CStruct("sim_hello", "First message of the simulator.", (
         ("interface", "u1", (32,), "SP_RUNNER_INTERFACE"),
         ("model", "u1", (72,), "SHA-256 of the robot's model"),
         ("names", "u1", (N_NAMES, 24), "of `joint_states`"),
@@ -275,17 +275,17 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("rates", "f8", (len(TOPICS),), "by sp_topic [Hz]"),
     )),
 )  # fmt: skip
-"""Structs of missions, logs and links, those inside others first."""
+"""Structs of missions, logs and links; nested structs come first."""
 
 
 @cache
 def log_layouts() -> dict[str, np.dtype]:
-    """Structs of the runner and its logs as numpy types, with the core's, by name."""
+    """Return the structs of the core, the runner and its logs as NumPy types, by name."""
     return dtypes(RUNNER_STRUCTS, core_layouts())
 
 
 def _header_lines(robot: RobotSpec) -> list[str]:
-    """Text of spidar_runner.h but for its digest."""
+    """Return the lines of spidar_runner.h without its digest."""
     sizes = {
         "MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "NAMES": N_NAMES,
         "ORDER_TEXT": ORDER_TEXT, "MOST_ORDERS": MOST_ORDERS, "REASON": REASON, "MAX_GATES": gates.MAX_GATES,
@@ -306,10 +306,10 @@ def _header_lines(robot: RobotSpec) -> list[str]:
         "/* Name and expected rate [Hz], 0 for any, of each of sp_topic. */",
         *array("char *const", "SP_TOPIC_NAMES", [f'"{name}"' for name in names]),
         *array("double", "SP_TOPIC_RATES", rates),
-        "/* What is said of each of sp_fault and sp_manager_phase. */",
+        "/* Text of each of sp_fault and sp_manager_phase. */",
         *array("char *const", "SP_FAULT_WORDS", [f'"{words}"' for words in FAULTS.values()]),
         *array("char *const", "SP_MANAGER_PHASE_WORDS", [f'"{phase}"' for phase in PHASES]),
-        "/* What each of sp_gate_kind is called, and between which sizes it can be passed or stood on [m], [rad]. */",
+        "/* Name of each of sp_gate_kind, and its range of valid sizes [m], [rad]. */",
         *array("char *const", "SP_GATE_WORDS", [f'"{kind}"' for kind in gates.KINDS]),
         define("GATE_LEAST", least),
         define("GATE_MOST", most),
@@ -319,12 +319,12 @@ def _header_lines(robot: RobotSpec) -> list[str]:
 
 
 def runner_hash(robot: RobotSpec = ROBOT) -> str:
-    """Digest of everything that a compiled runner has to agree on: the core, robot, own words, structs and sources."""
+    """Return the digest of a compiled runner's interface: core, robot, messages, structs and sources."""
     words = [interface_hash(), model_header(robot), *_header_lines(robot)]
     return interface_digest("\n".join(words).encode(), RUNNER)
 
 
 def runner_header(robot: RobotSpec = ROBOT) -> str:
-    """spidar_runner.h, for a robot."""
+    """Return the text of spidar_runner.h for a robot."""
     lines = [f'#define SP_RUNNER_INTERFACE "{runner_hash(robot)}"', *_header_lines(robot)]
-    return header("SPIDAR_RUNNER", "words, topics and structs of the runner.", lines, ('"spidar_structs.h"',))
+    return header("SPIDAR_RUNNER", "messages, topics and structs of the runner.", lines, ('"spidar_structs.h"',))

@@ -66,7 +66,7 @@ def test_a_runner_of_other_structs_is_refused_in_a_line(other, tmp_path):
     finally:
         link.close()
         program.kill()
-    line = "runner: the simulator speaks another interface; valid: one of this export\n"
+    line = "runner: the simulator has another interface; valid: one of this export\n"
     assert (program.returncode, words) == (2, line)
 
 

@@ -185,7 +185,7 @@ def test_a_mission_that_is_too_long_is_not_cut(runner, tmp_path, size):
     (tmp_path / "mission").write_text(text)
     done = said(runner, "sim", "127.0.0.1:1", tmp_path / "mission")
     assert done.returncode == 2
-    assert "mission" in done.stderr, "not that nobody answers there"
+    assert "mission" in done.stderr, "not that there is no simulator"
 
 
 # The contract.
@@ -265,7 +265,7 @@ def test_another_model_is_refused(library, runner, tmp_path):
     robot = Robot(None, 32, (ctypes.c_char_p * 32)(*(name.encode() for name in NAMES)), (ctypes.c_double * 5)(*RATES))
     reason = ctypes.create_string_buffer(256)
     assert not library.sp_agree(ctypes.byref(robot), 0, reason, ctypes.c_size_t(256))
-    assert b"not told" in reason.value
+    assert b"not set" in reason.value
     refused(runner, tmp_path, words, model="0" * 64)
 
 
@@ -319,7 +319,7 @@ def test_a_simulator_with_another_interface_is_refused(runner, tmp_path):
         return hello
 
     _, status, _, words = ask(runner, tmp_path, [], other)
-    assert (status, words) == (2, "runner: the simulator speaks another interface; valid: one of this export\n")
+    assert (status, words) == (2, "runner: the simulator has another interface; valid: one of this export\n")
 
 
 @pytest.mark.parametrize(("field", "count"), [("pose_count", 10**6), ("imu_count", 9), ("pose_count", -3)])
@@ -388,9 +388,9 @@ def test_what_cannot_be_read_written_or_reached_is_refused_in_one_line(runner, t
         ((*sim, mission, "--log", tmp_path / "no" / "log"), f"{tmp_path / 'no' / 'log'}: cannot be written; valid: "),
         ((*sim, mission, "--log", tmp_path), f"{tmp_path}: cannot be written; valid: "),
         ((*sim, mission, "--log", "/dev/full"), "/dev/full: cannot be written; valid: "),
-        ((*sim, mission), "nobody answers there; valid: "),
-        (("sim", "nowhere", mission), "nobody answers there; valid: "),
-        (("sim", "a" * 300 + ":1", mission), "nobody answers there; valid: "),
+        ((*sim, mission), "no simulator there; valid: "),
+        (("sim", "nowhere", mission), "no simulator there; valid: "),
+        (("sim", "a" * 300 + ":1", mission), "no simulator there; valid: "),
         (("ros1", mission), "compiled without ROS 1; valid: "),
         (("replay", tmp_path / "none", tmp_path / "out"), "no log; valid: "),
         (("replay", mission, tmp_path / "out"), "no log; valid: "),

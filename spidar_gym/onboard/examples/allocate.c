@@ -1,11 +1,12 @@
-/* The allocation as a library: a wrench on the rotors of form 3, by the paper's weights, by others, with a rotor lost. */
+/* The allocation as a library: allocate a wrench to the rotors in form 3, with the paper's and other weights, other
+ * limits, and a lost rotor. */
 // gcc -std=c99 -O2 -ffp-contract=off -Icore -Iosqp -Igenerated core/*.c osqp/*.c examples/allocate.c -lm -o allocate
 #include <math.h>
 #include <stdio.h>
 #include "spidar_core.h"
 #include "spidar_model.h"   /* generated: the robot */
 #include "spidar_presets.h" /* generated: the presets */
-#include "spidar_solvers.h" /* generated: how large the solvers' memory is */
+#include "spidar_solvers.h" /* generated: size of the solvers' memory */
 
 static void show(const char *name, sp_flight *flight, const sp_reference *reference, const double *wrench, sp_room *room)
 {
@@ -16,7 +17,7 @@ static void show(const char *name, sp_flight *flight, const sp_reference *refere
         state.joint_position[4 * leg + 3] = acos(-1.0) / 2.0;
     }
     sp_flight_reset(room->robot, flight, &state, NULL, NULL);
-    for (int tick = 0; tick < 80; tick++) { /* 2 s: the angles turn no faster than their servos */
+    for (int tick = 0; tick < 80; tick++) { /* 2 s: the vectoring angles turn at the servos' speed */
         sp_flight_allocate(flight, &state, reference, wrench, room, thrust, state.vectoring);
         for (int i = 0; i < SP_ROTORS; i++) state.thrust[i] = thrust[i];
     }
@@ -38,12 +39,12 @@ int main(void)
     sp_flight_init(&flight, &SP_PRESET_PAPER);
     show("paper", &flight, &reference, wrench, &room);
 
-    for (int k = 0; k < SP_MODE_COSTS; k++) /* a mode is data: its costs have weights */
+    for (int k = 0; k < SP_MODE_COSTS; k++) /* a mode is data: set a weight of its costs */
         if (flight.mode.costs[k].kind == SP_JOINT_TORQUE_EFFORT) flight.mode.costs[k].weight = 10.0;
     show("weight", &flight, &reference, wrench, &room);
 
     sp_flight_init(&flight, &SP_PRESET_PAPER);
-    for (int k = 0; k < SP_MODE_ROWS; k++) /* and its rows limits */
+    for (int k = 0; k < SP_MODE_ROWS; k++) /* set a limit of its rows */
         if (flight.mode.rows[k].kind == SP_JOINT_TORQUE_LIMIT) flight.mode.rows[k].a = 1.0;
     show("limit", &flight, &reference, wrench, &room);
 

@@ -1,5 +1,5 @@
-/* `bench IN`: the ticks of a log, of the hardest demands and of the export's policy: time, and instructions where the
- * kernel counts them. */
+/* `bench IN`: time the ticks of a log, the hardest demands and the export's policy; count instructions if the kernel
+ * allows it. */
 #define _GNU_SOURCE
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,13 +18,13 @@
 #define TICKS 20000
 #define HARD 200
 
-/* What one kind of tick costs. */
+/* Measured cost of one kind of tick. */
 typedef struct {
     double times[TICKS], counts[TICKS]; /* [us], instructions */
     int n;
 } cost;
 
-static int counter = -1; /* of the kernel's instruction counter, where it lends one */
+static int counter = -1; /* file descriptor of the kernel's instruction counter, −1 without */
 
 static void open_counter(void)
 {
@@ -81,7 +81,7 @@ static void report(const char *name, cost *c)
     printf("\n");
 }
 
-/* Demands that no force meets: closed form, attempts up to the cap, then the softened program, which goes to its own. */
+/* Time infeasible demands: closed form, attempts up to the iteration cap, softened program up to its own. */
 static void bench_hardest(const sp_mode *mode, const sp_demand *demand, const double *previous_l,
                           const sp_allocator_config *config, cost *c)
 {
@@ -101,7 +101,7 @@ static void bench_hardest(const sp_mode *mode, const sp_demand *demand, const do
     printf("%-34s %6d, cap %d an attempt\n", "most iterations of a tick", most, (int)config->max_iter);
 }
 
-/* The ticks of a flight or a crawl, then demands about one of them: of a crawl the hardest, of a flight the last. */
+/* Time the ticks of a flight or crawl, then demands around one tick: a crawl's hardest, a flight's last. */
 static int bench_ticks(FILE *in, sp_recorded *recorded, cost *whole, cost *hardest)
 {
     static sp_demand demand;
@@ -129,7 +129,7 @@ static int bench_ticks(FILE *in, sp_recorded *recorded, cost *whole, cost *harde
     return 1;
 }
 
-/* The same ticks of a flight with the learned policy of this export: beside the controller, or in place of it. */
+/* Time the ticks of a flight with the export's learned policy: a residual, or a direct policy without controller. */
 static void bench_policy(FILE *in, sp_recorded *recorded, cost *c)
 {
     static sp_policy policy;

@@ -1,4 +1,4 @@
-/* Refuse a robot that is not the one of this export. */
+/* Refuse a robot that is not the robot of this export. */
 #include "runner.h"
 
 #include <stdio.h>
@@ -39,7 +39,7 @@ int sp_agree(const sp_found *robot, int32_t odometry, char *reason, size_t size)
         }
     if (robot->model == NULL || strcmp(robot->model, SP_MODEL_SHA256) != 0) {
         snprintf(reason, size, "the robot's model is %.12s; valid: %.12s, that of this export (`runner about`)",
-                 robot->model == NULL || !*robot->model ? "not told" : robot->model, SP_MODEL_SHA256);
+                 robot->model == NULL || !*robot->model ? "not set" : robot->model, SP_MODEL_SHA256);
         return 0;
     }
     return 1;

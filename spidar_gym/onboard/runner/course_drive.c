@@ -1,4 +1,4 @@
-/* A course: both gaits, driven by their manager; what every fault leads to in each of its phases. */
+/* A course: the manager of both gaits, and the reaction to every fault in each of its phases. */
 #define _POSIX_C_SOURCE 200809L
 #include <string.h>
 
@@ -11,7 +11,7 @@ int sp_sees_with(sp_fault fault)
     return fault == SP_FINE || fault == SP_NO_STATE || fault == SP_LOW_BATTERY || fault == SP_OUTSIDE;
 }
 
-/* Whether the floor carries the robot, or a part of it: it is safe to let the rotors fade. */
+/* Whether the floor carries the robot, or part of it, so that the rotors may fade. */
 static int on_floor(const sp_manager *m)
 {
     int32_t phase = m->memory.phase;
@@ -19,7 +19,7 @@ static int on_floor(const sp_manager *m)
            phase == SP_MANAGER_UNLOAD || phase == SP_MANAGER_CUT;
 }
 
-/* Whether the manager asks the flight controller for something. */
+/* Whether the manager uses the flight controller. */
 static int flies(const sp_manager *m)
 {
     int32_t phase = m->memory.phase;
@@ -65,11 +65,11 @@ void sp_say_why(sp_loop *l, const char *why)
     l->answer.heard = SP_HEARD_REFUSED;
 }
 
-/* What a link has heard for the course. */
+/* Pass orders that a link received to the manager. */
 static void hear(sp_loop *l, const char *text)
 {
     if (text[0] == 0) return;
-    const char *why = l->ending != SP_FINE ? "no orders any more: a fault ends the course"
+    const char *why = l->ending != SP_FINE ? "no orders after a fault that ends the course"
                                            : sp_take_orders(&l->manager, &l->mission, &l->sense.state, text);
     if (why != NULL) {
         sp_say_why(l, why);
@@ -78,10 +78,10 @@ static void hear(sp_loop *l, const char *text)
     memset(l->reason, 0, sizeof l->reason);
     l->answer.heard = SP_HEARD_TAKEN;
     l->told = 1;
-    l->by_map = 0; /* whoever gives orders decides from now on */
+    l->by_map = 0; /* orders replace the map */
 }
 
-/* One tick of the manager; what is wrong with it. */
+/* One tick of the manager; returns the fault. */
 static sp_fault step(sp_loop *l)
 {
     sp_manager *m = &l->manager;
@@ -95,7 +95,7 @@ static sp_fault step(sp_loop *l)
     return sp_answer(l, flies(m) ? &m->flight.allocation : &m->crawl.allocation, &command);
 }
 
-/* The manager brings the robot to rest: a cycle is crawled to its end, a flight ends with the landing, here. */
+/* Bring the robot to rest by the manager: a crawl cycle is completed, a flight ends with a landing here. */
 static void begin_to_end(sp_loop *l, sp_fault fault)
 {
     sp_manager *m = &l->manager;
@@ -104,7 +104,7 @@ static void begin_to_end(sp_loop *l, sp_fault fault)
     l->by_map = 0;
     l->held = 0.0;
     if (m->count > 0 && m->commands[0].kind == SP_LOCOMOTION_LAND) {
-        m->count = 1; /* it lands already */
+        m->count = 1; /* already landing */
         return;
     }
     memset(&land, 0, sizeof land);
@@ -113,7 +113,7 @@ static void begin_to_end(sp_loop *l, sp_fault fault)
     sp_manager_interrupt(m, &land, sp_manager_airborne(m));
 }
 
-/* The joints stay where they are; what is left of the thrust fades. */
+/* Hold the joints and fade the remaining thrust. */
 static void rest(sp_loop *l)
 {
     double before = l->left;
@@ -142,10 +142,10 @@ void sp_course_tick(sp_loop *l, const sp_loop_input *input, sp_fault fault)
     if (sees) {
         sp_fault own = step(l);
         if (own != SP_FINE) fault = own, sees = 0;
-        else if (l->ending != SP_FINE) fault = SP_FINE; /* what ends the course already is no news */
+        else if (l->ending != SP_FINE) fault = SP_FINE; /* the course is already ending for this fault */
     }
     sp_hold(l, input->time, fault);
-    if (l->stage == SP_HOLDING && sees) l->stage = SP_DRIVING; /* not an old command */
+    if (l->stage == SP_HOLDING && sees) l->stage = SP_DRIVING; /* the command is new */
     if (l->stage == SP_LANDING && fault != SP_CONTENDED) {
         if (sees) begin_to_end(l, fault), l->stage = SP_DRIVING;
         else if (on_floor(m)) begin_to_rest(l);
@@ -154,7 +154,7 @@ void sp_course_tick(sp_loop *l, const sp_loop_input *input, sp_fault fault)
         l->stage = SP_ENDING;
         l->fault = l->ending;
         if (m->memory.phase == SP_MANAGER_LIE && m->count == 0) begin_to_rest(l);
-        else if (sp_manager_done(m) && m->memory.phase != SP_MANAGER_CUT) l->stage = SP_LANDING; /* no landing came about */
+        else if (sp_manager_done(m) && m->memory.phase != SP_MANAGER_CUT) l->stage = SP_LANDING; /* no landing */
     }
     if (l->stage != SP_RESTING && m->memory.phase == SP_MANAGER_CUT) {
         l->fault = l->ending = SP_TILTED;

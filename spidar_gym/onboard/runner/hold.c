@@ -1,4 +1,4 @@
-/* Which commands may leave, and how long old ones stay in force where none does. */
+/* Limits of outgoing commands, and how long an old command is held if there is no valid one. */
 #include "runner.h"
 #include "spidar_math.h"
 #include "spidar_model.h"
@@ -12,7 +12,7 @@ int sp_thrust_within_limits(const double *thrust)
     return 1;
 }
 
-/* Whether a command may leave. */
+/* Whether a command is within the limits. */
 static int command_within_limits(const sp_command *c)
 {
     if (!sp_thrust_within_limits(c->thrust)) return 0;

@@ -1,9 +1,9 @@
-/* The stages: wait, drive, hold for at most 100 ms, force the landing, silence; course_drive.c has more of them. */
+/* Stages of the runner: wait, drive, hold for at most 100 ms, force the landing, released. course_drive.c adds two. */
 #include "runner.h"
 #include "spidar_math.h"
 #include "spidar_model.h"
 
-#define CONTENTION 0.5 /* the robot's own stack has so long to fall silent [s] */
+#define CONTENTION 0.5 /* time allowed for the robot's own stack to stop commanding [s] */
 #define TRIM_SECONDS 0.5
 
 static const char *const STAGES[] = {
@@ -20,7 +20,7 @@ const char *sp_stage_words(int32_t stage)
     return STAGES[stage >= 0 && stage <= SP_RESTING ? stage : 0];
 }
 
-/* The crawl from a state, with the mission's moves ahead; 0 where one is out of reach. */
+/* Reset the crawl and queue the mission's moves; returns 0 if a move is out of reach. */
 static int begin_crawl(sp_loop *l, const sp_robot_state *state)
 {
     sp_crawl_reset(&l->crawl, state);
@@ -49,7 +49,7 @@ const char *sp_loop_init(sp_loop *l, const sp_mission *mission)
     return begin_crawl(l, &nominal) ? NULL : "a move of the mission is out of reach; valid: shorter ones";
 }
 
-/* Where the robot is: whether that is still within the limits. */
+/* Check attitude, position and tick rate against the limits. */
 static sp_fault check_limits(const sp_loop *l, double now)
 {
     const sp_limits *limits = &l->mission.limits;
@@ -62,7 +62,7 @@ static sp_fault check_limits(const sp_loop *l, double now)
     return l->has_last && now - l->last > limits->gap ? SP_LATE : SP_FINE;
 }
 
-/* What hovering takes besides the weight, from what the robot's own stack tells the rotors: our integrals' start. */
+/* Estimate the hover wrench beyond the weight from the robot's own commands; it initialises the integrals. */
 static void learn_trim(sp_loop *l, const sp_loop_input *input)
 {
     if (!sp_thrust_within_limits(input->thrust)) return;
@@ -82,7 +82,7 @@ static void learn_trim(sp_loop *l, const sp_loop_input *input)
     l->has_trim = 1;
 }
 
-/* Become the one who drives; 0 where the mission cannot begin here. */
+/* Begin to drive; returns 0 if the mission cannot begin here. */
 static int take_over(sp_loop *l, const sp_loop_input *input)
 {
     const sp_robot_state *x = &l->sense.state;
@@ -115,7 +115,7 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     return 1;
 }
 
-/* What the mission asks at a time. */
+/* Set the reference of a flight mission at a time. */
 static void update_reference(sp_loop *l, double t)
 {
     const sp_mission *m = &l->mission;
@@ -128,7 +128,7 @@ static void update_reference(sp_loop *l, double t)
     l->finished = l->finished || (m->end > 0.0 && t >= m->end);
 }
 
-/* What the policy is told of the plan at a time. */
+/* Write the preview of the mission's forms for the policy. */
 static void preview_at(const sp_loop *l, double t, sp_preview *preview)
 {
     const sp_mission *m = &l->mission;
@@ -141,7 +141,7 @@ static void preview_at(const sp_loop *l, double t, sp_preview *preview)
     }
 }
 
-/* A flight's command: the controller's, with what a learned residual adds, or that of a policy without a controller. */
+/* Compute a flight's command: by the controller, with a learned residual, or by a direct policy. */
 static void fly(sp_loop *l, double t, sp_command *command)
 {
     const sp_robot_state *x = &l->sense.state;
@@ -164,7 +164,7 @@ static void fly(sp_loop *l, double t, sp_command *command)
     sp_flight_step(&l->flight, x, &l->reference, &residual, &control, sp_own_room(), command);
 }
 
-/* One tick of the controller; what is wrong with it. */
+/* One tick of the controller; returns the fault. */
 static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
 {
     const sp_robot_state *x = &l->sense.state;
@@ -193,12 +193,12 @@ static int drives(int32_t stage)
     return stage == SP_DRIVING || stage == SP_HOLDING || stage == SP_ENDING || stage == SP_RESTING;
 }
 
-/* From one stage to the next. */
+/* Advance the stage. */
 static void next_stage(sp_loop *l, const sp_loop_input *input, sp_fault fault)
 {
     const sp_limits *limits = &l->mission.limits;
     const int flight = l->mission.kind == SP_MISSION_FLIGHT, course = l->mission.kind == SP_MISSION_COURSE;
-    const int low = course && input->flight_state == SP_STATE_LOW_BATTERY; /* the runner has it land */
+    const int low = course && input->flight_state == SP_STATE_LOW_BATTERY; /* the runner lands the robot */
     const int wanted = low || input->flight_state == (flight ? SP_STATE_HOVER : SP_STATE_ARM_ON);
     double age = input->time - input->flight_state_time;
     if (fault == SP_FINE && !(age <= limits->state_age && age >= -SP_AHEAD)) fault = SP_NO_STATE;
@@ -217,7 +217,7 @@ static void next_stage(sp_loop *l, const sp_loop_input *input, sp_fault fault)
         }
     }
     if (drives(l->stage)) {
-        if (!wanted) { /* the robot's own stack, or the operator, has taken it back */
+        if (!wanted) { /* the robot's own stack or the operator has taken over */
             l->stage = SP_RELEASED;
             return;
         }

@@ -1,4 +1,4 @@
-/* The runner: what drives the robot, and what checks the core without one. */
+/* The runner's command line: drive the robot, or check and time the core without a robot. */
 #include <stdio.h>
 #include <string.h>
 
@@ -10,7 +10,7 @@ typedef struct {
     int residual;
 } options;
 
-/* What follows a mission; 0 where a word is none of these. */
+/* Read the options after the mission; returns 0 for an unknown option. */
 static int read_options(int count, char **words, options *o)
 {
     o->log = NULL;

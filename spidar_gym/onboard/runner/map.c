@@ -1,5 +1,5 @@
-/* A course that goes by a map: its gates and its goal, read and refused where nobody passes, and the rule that decides
- * twice a second where to go. `control/course/gates.py` refuses the same. */
+/* A course with a map: read gates and goal, refuse maps that cannot be passed, and apply the rule twice a second.
+ * `control/course/gates.py` has the same checks. */
 #include <string.h>
 
 #include "ground.h"
@@ -36,7 +36,7 @@ const char *sp_read_gate(sp_mission *m, char **words, int count)
     if (!(v[2] >= SP_GATE_LEAST[kind] && v[2] <= SP_GATE_MOST[kind])) return NOT_SIZE[kind];
     if (fabs(v[3]) + (kind == SP_GATE_SLOT ? 0.5 * v[2] : 0.0) > SP_COURSE_HALF_WIDTH)
         return "a slot between the field's sides at ± 3 m";
-    /* Behind a beam it takes off before a platform: all of it has to be out there. */
+    /* Between a beam and a platform the robot takes off: the whole robot must fit there. */
     int takes_off = before != NULL && before->kind == SP_GATE_BEAM && kind == SP_GATE_PLATFORM;
     int is_wide = takes_off || (before != NULL && is_passed(gate) && is_passed(before));
     double room = is_wide ? SP_MAP_ROOM : SP_MAP_REACH;
@@ -64,7 +64,7 @@ const char *sp_refuse_map(const sp_mission *m)
 {
     const sp_course *map = &m->map;
     if (!m->has_goal) return map->count > 0 ? "a goal behind the gates" : NULL;
-    if (m->order_count > 0) return "orders, or a goal with gates: by a map the runner decides itself";
+    if (m->order_count > 0) return "orders, or a goal with gates, not both";
     for (int k = 0; k < map->count; k++) {
         const sp_gate *gate = &map->gates[k];
         double off = sp_max(gate->begin - map->goal.x, map->goal.x - gate->end);
@@ -74,7 +74,7 @@ const char *sp_refuse_map(const sp_mission *m)
     return NULL;
 }
 
-/* Where to go now. The robot is there where it lies, is told nothing more, and the rule says no other place. */
+/* Choose the next target and follow it. The course is over when the robot lies at the goal without commands. */
 static void decide(sp_loop *l)
 {
     const sp_robot_state *seen = &l->sense.state;

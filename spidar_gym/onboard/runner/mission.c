@@ -1,4 +1,4 @@
-/* A mission's text, read line by line. */
+/* Read a mission's text line by line. */
 #include <stdio.h>
 #include <string.h>
 
@@ -39,7 +39,7 @@ static const char *read_form(sp_mission *m, char **words, int count)
     for (int j = 0; j < SP_JOINTS; j++)
         if (!(fabs(v[1 + j]) <= SP_ROBOT.joint_limit + 1e-3)) return "form angles within ± 90 degrees";
     m->forms[m->form_count].start = v[0];
-    for (int j = 0; j < SP_JOINTS; j++) /* a rounded right angle is one */
+    for (int j = 0; j < SP_JOINTS; j++) /* a rounded right angle is clipped */
         m->forms[m->form_count].joint_target[j] = sp_clip(v[1 + j], -SP_ROBOT.joint_limit, SP_ROBOT.joint_limit);
     m->form_count++;
     return NULL;
@@ -113,7 +113,7 @@ static const char *read_limit(sp_mission *m, char **words, int count)
     if (strcmp(name, "ages") == 0) {
         if (!sp_numbers(words, count, 4, v)) return "ages of pose, inertial unit, joints, flight state [s]";
         for (int i = 0; i < 4; i++)
-            if (!(v[i] > 0.0 && v[i] <= 0.5)) return "ages within 0 … 0.5 s: then the flight controller lands by itself";
+            if (!(v[i] > 0.0 && v[i] <= 0.5)) return "ages within 0 … 0.5 s: beyond that the flight controller lands the robot";
         l->pose_age = v[0], l->imu_age = v[1], l->joint_age = v[2], l->state_age = v[3];
         return NULL;
     }
@@ -130,7 +130,7 @@ static const char *read_limit(sp_mission *m, char **words, int count)
     else if (strcmp(name, "tilt") == 0) l->tilt = v[0];
     else m->end = v[0];
     if (!(v[0] > 0.0)) return "a number above 0";
-    return l->tilt <= 1.0 ? NULL : "tilt within 0 … 1 rad: from there the flight controller lands by itself";
+    return l->tilt <= 1.0 ? NULL : "tilt within 0 … 1 rad: beyond that the flight controller lands the robot";
 }
 
 static const char *read_window(sp_mission *m, char **words, int count)
@@ -153,7 +153,7 @@ static const struct {
     {"ages", read_limit}, {"settle", read_limit}, {"tilt", read_limit}, {"speed", read_limit}, {"end", read_limit},
 };
 
-/* NULL, or what would have been valid; `kinds` counts the lines that say flight, crawl or course. */
+/* Read a line; returns NULL, or what would have been valid. `kinds` counts lines with flight, crawl or course. */
 static const char *read_line(sp_mission *m, char *line, int *kinds)
 {
     char *words[SP_WORDS];

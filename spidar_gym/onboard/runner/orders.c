@@ -1,4 +1,4 @@
-/* Orders for the manager of both gaits, as lines of text: read, and refused where they cannot be done from here. */
+/* Orders for the manager of both gaits: read lines of text, and refuse orders that cannot be followed from here. */
 #define _POSIX_C_SOURCE 200809L
 #include <string.h>
 
@@ -8,7 +8,7 @@
 
 static const char NOT_FORM[] = "form and 16 angles within ± 90 degrees [rad], as the end of the line";
 
-/* Joint angles on the floor of a mission's crawler. */
+/* Joint angles of the mission's crawl configuration when lying on the floor. */
 static void lying_form(const sp_mission *m, double *q)
 {
     double home[3 * SP_LEGS];
@@ -24,7 +24,7 @@ static void snapshot_of(const double *form, sp_snapshot *snapshot)
     sp_snapshot_at(&SP_ROBOT, form, level, still, snapshot);
 }
 
-/* The narrowest room for a form, clearance on both sides included. */
+/* Smallest width that a form passes, with clearance on both sides. */
 static double narrowest(const double *form, double clearance)
 {
     sp_snapshot s;
@@ -37,7 +37,7 @@ static double narrowest(const double *form, double clearance)
     return 2.0 * (radius + clearance);
 }
 
-/* How high the centre of mass is when a form just touches the floor. */
+/* Height of the CoG when the feet of a form touch the floor. */
 static double standing_height(const double *form)
 {
     sp_snapshot s;
@@ -141,7 +141,7 @@ const char *sp_cannot_follow(int32_t kind, int *airborne)
     return NULL;
 }
 
-/* Whether the gait has room for a way. */
+/* Whether the gait's queue can hold the cycles of a displacement. */
 static int reachable(const sp_manager *m, sp_pose2 way)
 {
     const sp_gait_config *c = &m->crawl.config.gait;
@@ -160,12 +160,12 @@ const char *sp_refuse_orders(const sp_manager *m, const sp_robot_state *state, c
     sp_pose2 place = planar_pose(state->position_w, R);
     if (n + (now ? 1 : m->count) > SP_MAX_WAYPOINTS) return "at most 64 orders at once";
     if (last != NULL) airborne = last->kind == SP_LOCOMOTION_FLY_TO || last->kind == SP_LOCOMOTION_TAKE_OFF;
-    for (int k = now ? 0 : -m->count; k < n; k++) { /* those before tell where these begin */
+    for (int k = now ? 0 : -m->count; k < n; k++) { /* pending orders determine where new ones begin */
         const sp_waypoint *o = k < 0 ? &m->commands[m->count + k] : &orders[k];
         const char *why = k < 0 ? NULL : sp_cannot_follow(o->kind, &airborne);
         if (why != NULL) return why;
         if (o->kind == SP_LOCOMOTION_CRAWL_TO) {
-            if (k >= 0 && !reachable(m, then(inverse(place), o->pose))) return "a crawl_to within reach: a shorter way";
+            if (k >= 0 && !reachable(m, then(inverse(place), o->pose))) return "a crawl_to within reach: a shorter distance";
             place = o->pose;
         } else if (o->kind == SP_LOCOMOTION_FLY_TO) {
             double least = m->memory.floor - m->lying_height + m->config.clearance;

@@ -1,4 +1,4 @@
-/* `replay IN OUT` and `compare OUT GOLDEN`: recorded inputs again, and whether the answers are those that they were. */
+/* `replay IN OUT` computes the outputs of recorded inputs again; `compare OUT GOLDEN` compares outputs. */
 #define _POSIX_C_SOURCE 200112L
 #include <string.h>
 #include <sys/stat.h>
@@ -11,7 +11,7 @@
 
 static const char NO_LOG[] = "no log; valid: one that `spidar export` or this runner wrote";
 static const char ENDS_EARLY[] = "the log ends early; valid: a whole one";
-static const char IMPOSSIBLE[] = "the log asks for what this export cannot do; valid: one of this very export";
+static const char IMPOSSIBLE[] = "the log needs what this export lacks; valid: a log of this export";
 static const char UNWRITABLE[] = "cannot write the output; valid: a path in a writable folder";
 
 const char *sp_recorded_begin(FILE *in, sp_recorded *r)
@@ -52,7 +52,7 @@ const sp_allocation *sp_recorded_tick(sp_recorded *r, const sp_log_input *input,
     return &r->crawl.allocation;
 }
 
-/* The answers to a flight's or a crawl's inputs. */
+/* Replay a flight's or a crawl's inputs. */
 static const char *replay_controller(FILE *in, FILE *out, sp_recorded *recorded)
 {
     sp_log_input input;
@@ -71,7 +71,7 @@ static const char *replay_controller(FILE *in, FILE *out, sp_recorded *recorded)
 
 static int within(int32_t count, int32_t most) { return count >= 0 && count <= most; }
 
-/* A run again: its very bytes, where this is the runner that drove; how many ticks, and how many now differ. */
+/* Replay a run; counts its ticks, and those that differ. The same runner reproduces the log byte for byte. */
 static const char *replay_run(FILE *in, FILE *out, const sp_log_head *head, int *ticks, int *differ)
 {
     static sp_loop loop;
@@ -98,7 +98,7 @@ static const char *replay_run(FILE *in, FILE *out, const sp_log_head *head, int 
     }
 }
 
-/* Whether two paths are one file. */
+/* Whether two paths name the same file. */
 static int same(const char *a, const char *b)
 {
     struct stat x, y;
@@ -120,8 +120,8 @@ int sp_replay(const char *from, const char *to)
     if (out != NULL && fclose(out) != 0 && why == NULL) why = UNWRITABLE;
     if (out != NULL && why != NULL) remove(to);
     if (why != NULL) return sp_reject("", why);
-    if (ticks > 0) printf("%d ticks of a run, %d answered otherwise than then\n", ticks, differ);
-    return differ > 0 ? sp_reject("", "the run replays otherwise; valid: the runner that wrote it") : 0;
+    if (ticks > 0) printf("%d ticks of a run, %d with other answers\n", ticks, differ);
+    return differ > 0 ? sp_reject("", "the replay differs; valid: the runner that wrote the log") : 0;
 }
 
 int sp_compare(const char *a, const char *b)

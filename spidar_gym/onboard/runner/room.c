@@ -1,4 +1,4 @@
-/* What the runner works in: memory that is there from the beginning. */
+/* Workspace of the runner, in static memory. */
 #include "runner.h"
 #include "spidar_model.h"
 #include "spidar_solvers.h"

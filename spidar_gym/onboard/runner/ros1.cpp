@@ -1,4 +1,4 @@
-/* The mode `ros1`: ROS 1 topics in, the loop at 40 Hz, ROS 1 topics out. C++11 with GNU's hexadecimal floats. */
+/* The mode `ros1`: runs the loop at 40 Hz between ROS 1 topics. C++11 with GNU's hexadecimal floats. */
 #include <cerrno>
 #include <cmath>
 #include <csignal>
@@ -31,25 +31,25 @@
 
 namespace {
 
-const int LANDINGS = 5;             /* how often the landing is commanded on the way out */
-const double LISTEN = 2.0, WAIT = 5.0, LEAST = 1.0; /* to the topics at start; for a missing one; to it then [s] */
+const int LANDINGS = 5;             /* landing commands before exit */
+const double LISTEN = 2.0, WAIT = 5.0, LEAST = 1.0; /* to topics at start; at most for a missing one; then to it [s] */
 const int PRIORITY = 50;            /* of SCHED_FIFO */
 const int64_t SECOND = 1000000000;  /* [ns] */
 const char *const NODE = "spidar_runner";
 
 volatile sig_atomic_t signalled = 0;
-volatile sig_atomic_t dismissed = 0; /* by `rosnode kill`, or by another node of our name */
+volatile sig_atomic_t dismissed = 0; /* by `rosnode kill`, or by another node of the same name */
 
 void on_signal(int number) { signalled = number; }
 
-/* ROS's own answer to `shutdown` closes every connection at once, and the landing could not be commanded any more. */
+/* Replaces ROS's handler of `shutdown`, which closes every connection at once, before a landing can be commanded. */
 void on_shutdown(XmlRpc::XmlRpcValue &, XmlRpc::XmlRpcValue &result)
 {
     dismissed = 1;
     result = ros::xmlrpc::responseInt(1, "", 0);
 }
 
-/* The inertial unit's fields have other names at the HEAD of the lab's package than in the branch that SPIDAR flew. */
+/* Fields of the inertial unit: their names differ between the HEAD of the lab's package and SPIDAR's branch. */
 template <class M> auto gyro_of(const M &m, int) -> decltype((m.gyro_data)) { return m.gyro_data; }
 template <class M> auto gyro_of(const M &m, long) -> decltype((m.gyro)) { return m.gyro; }
 template <class M> auto acc_of(const M &m, int) -> decltype((m.acc_data)) { return m.acc_data; }
@@ -70,7 +70,7 @@ void sleep_until(int64_t due)
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR && !signalled) {}
 }
 
-/* How often a topic came. */
+/* Message count of a topic. */
 struct Arrivals {
     int count;
     int64_t first; /* [ns] */
@@ -92,7 +92,7 @@ public:
         advertise();
     }
 
-    /* Listen until the rates are known; 0 where a signal ended it. */
+    /* Listen until the rates are measured; returns 0 if a signal ended it. */
     int listen()
     {
         const int64_t start = monotonic();
@@ -111,7 +111,7 @@ public:
         return 1;
     }
 
-    /* What was found out, as the contract asks for it; the pointers live as long as this. */
+    /* Properties of the robot for sp_agree; the pointers are valid as long as this object. */
     sp_found found()
     {
         sp_found robot;
@@ -128,7 +128,7 @@ public:
         return robot;
     }
 
-    /* What came since the last tick. */
+    /* Collect the messages since the last tick. */
     const sp_loop_input &receive(int stage)
     {
         sp_measurement &m = input_.measurement;
@@ -143,7 +143,7 @@ public:
         }
         if (changed_)
             for (int k = 0; k < SP_JOINTS; k++) m.joint_position[k] = NAN;
-        /* In a dry run the robot's own flight stack goes on commanding: not a quarrel, as nothing of ours arrives. */
+        /* In a dry run the robot's own flight stack keeps commanding: that is no contention with the runner. */
         if (dry_ && stage != SP_WAITING) input_.has_thrust = 0;
         input_.time = m.time = seconds(ros::Time::now());
         return input_;
@@ -159,13 +159,13 @@ public:
 
     bool dry() const { return dry_; }
 
-    /* Another runner that drives already; empty without. */
+    /* Name of another runner that drives already, or empty. */
     const std::string &rival() const { return rival_; }
 
 private:
     ros::NodeHandle in_, out_;
     const bool dry_, odometry_;
-    const int64_t base_; /* whole seconds, so that nothing is rounded */
+    const int64_t base_; /* whole seconds, which avoids rounding */
     ros::Subscriber subscribers_[6];
     ros::Publisher thrust_, gimbals_, joints_, torques_, config_;
     spinal::FourAxisCommand thrust_message_;
@@ -176,7 +176,7 @@ private:
     int64_t heard_until_;
     std::vector<std::string> names_; /* of `joint_states`, as at start */
     std::vector<const char *> words_;
-    std::vector<double *> positions_, efforts_; /* where each of them goes; NULL nowhere */
+    std::vector<double *> positions_, efforts_; /* target of each name, or NULL */
     std::string model_, rival_;
     std::deque<std::string> orders_; /* for the next ticks */
     bool changed_; /* whether a message since the last tick had other names than at start */
@@ -208,7 +208,7 @@ private:
 
     void advertise()
     {
-        /* A command that is not sent before the next is of no use: short queues. */
+        /* Short queues: a command is obsolete when the next one is sent. */
         thrust_ = out_.advertise<spinal::FourAxisCommand>("four_axes/command", 2);
         gimbals_ = out_.advertise<sensor_msgs::JointState>("gimbals_ctrl", 2);
         joints_ = out_.advertise<sensor_msgs::JointState>("joints_ctrl", 2);
@@ -241,7 +241,7 @@ private:
         torques_.publish(torques_message_);
     }
 
-    /* Where each of the names goes. */
+    /* Map each name to its member of the measurement. */
     void map_names(const std::vector<std::string> &names)
     {
         sp_measurement &m = input_.measurement;
@@ -269,7 +269,7 @@ private:
         }
         for (size_t n = 0; n < names_.size(); n++) {
             if (positions_[n] != NULL) *positions_[n] = n < message->position.size() ? message->position[n] : NAN;
-            /* The servos report their currents more seldom than their angles: an absent effort is no fault. */
+            /* The servos report currents less often than angles: a missing effort is no fault. */
             if (efforts_[n] != NULL && n < message->effort.size()) *efforts_[n] = message->effort[n];
         }
     }
@@ -278,7 +278,7 @@ private:
     {
         sp_measurement &m = input_.measurement;
         came(SP_TOPIC_IMU);
-        if (m.imu_count == SP_IMU_SAMPLES) { /* the newest are kept */
+        if (m.imu_count == SP_IMU_SAMPLES) { /* keep the newest */
             m.imu_count--;
             std::memmove(m.imu_time, m.imu_time + 1, (SP_IMU_SAMPLES - 1) * sizeof(double));
             std::memmove(m.gyro_b, m.gyro_b + 3, (SP_IMU_SAMPLES - 1) * 3 * sizeof(double));
@@ -336,7 +336,7 @@ private:
     {
         came(SP_TOPIC_STATE);
         input_.flight_state = event.getMessage()->data;
-        input_.flight_state_time = seconds(event.getReceiptTime()); /* it has no stamp */
+        input_.flight_state_time = seconds(event.getReceiptTime()); /* the message has no stamp */
     }
 
     void on_orders(const std_msgs::String::ConstPtr &message)
@@ -349,7 +349,7 @@ private:
     {
         const spinal::FourAxisCommand &message = *event.getMessage();
         const std::string &from = event.getPublisherName();
-        /* The robot ignores a command for another number of rotors, and so is it here. */
+        /* The robot ignores commands for another number of rotors, so they are ignored here too. */
         if (from == ros::this_node::getName() || message.base_thrust.size() != SP_ROTORS) return;
         if (from.find(std::string("/") + NODE + "_") != std::string::npos) rival_ = from;
         input_.has_thrust = 1;
@@ -363,11 +363,11 @@ void handle_signals()
     std::memset(&action, 0, sizeof action);
     action.sa_handler = on_signal;
     sigemptyset(&action.sa_mask);
-    const int numbers[] = {SIGINT, SIGTERM, SIGHUP}; /* HUP: the operator's terminal is gone */
+    const int numbers[] = {SIGINT, SIGTERM, SIGHUP}; /* HUP: the operator's terminal was closed */
     for (int number : numbers) sigaction(number, &action, NULL);
 }
 
-/* Before ROS starts its threads, which inherit it: what brings the samples is as urgent as the tick. */
+/* Set real-time priority before ROS starts its threads: they inherit it, so messages arrive in time for the tick. */
 bool be_urgent()
 {
     sched_param priority;
@@ -376,7 +376,7 @@ bool be_urgent()
     return sched_setscheduler(0, SCHED_FIFO, &priority) == 0;
 }
 
-/* Ticks until the robot is given back or somebody ends it; whether the robot still is in our hands. */
+/* Run ticks until the robot is released or a signal arrives; returns whether the runner still drives. */
 bool drive(Robot &robot, sp_run *run)
 {
     static sp_loop_output output;
@@ -396,24 +396,24 @@ bool drive(Robot &robot, sp_run *run)
         }
         due += period;
         const int64_t late = monotonic() - due;
-        if (late > 0) due += (late / period + 1) * period; /* no burst: missed ticks are gone */
+        if (late > 0) due += (late / period + 1) * period; /* skip missed ticks instead of a burst */
     }
     return output.stage != SP_WAITING;
 }
 
-/* On the way out: an operator's Ctrl-C must not leave the robot with its last command. */
+/* Command the landing before exit, so that Ctrl-C does not leave the robot with its last command. */
 void leave(Robot &robot, bool driving)
 {
     const char *why = signalled ? "a signal" : dismissed ? "rosnode kill" : "the end of ROS";
     std::fprintf(stderr, "runner: ends by %s: %s\n", why, !driving ? "nothing was sent" : robot.dry()
-                 ? "commands FORCE_LANDING in its dry run and goes" : "commands FORCE_LANDING and goes");
+                 ? "commands FORCE_LANDING in its dry run and exits" : "commands FORCE_LANDING and exits");
     for (int k = 0; driving && k < LANDINGS; k++) {
         robot.land();
         ros::WallDuration(1.0 / SP_CONTROL_RATE).sleep();
     }
 }
 
-/* The drive, once there is a master. */
+/* Check the robot and drive it, once a master exists. */
 int serve(sp_run *run, const char *robot_ns, const char *out_ns)
 {
     static char reason[512];
@@ -424,17 +424,17 @@ int serve(sp_run *run, const char *robot_ns, const char *out_ns)
     if (ros::Time::isSimTime())
         return sp_reject("ROS parameter ", "/use_sim_time is set; valid: a robot with its own clock");
     Robot robot(robot_ns, out_ns, run->loop.mission);
-    if (!robot.listen()) return sp_reject("", "ended before it had heard the robot");
+    if (!robot.listen()) return sp_reject("", "ended before the robot's messages arrived");
     if (!robot.dry() && !robot.rival().empty())
         return sp_reject(robot.rival().c_str(), " drives the robot already; valid: one runner at a time");
     const sp_found found = robot.found();
     if (!sp_agree(&found, run->loop.mission.odometry, reason, sizeof reason)) return sp_reject("", reason);
-    /* What is there now: memory that comes later must not fail for want of a right to lock it. */
+    /* Lock the present memory only: later allocations must not fail because of a limit on locked memory. */
     urgent = mlockall(MCL_CURRENT) == 0 && urgent;
     if (!urgent) std::fprintf(stderr, "runner: runs without real-time priority or locked memory: the system refused\n");
     const bool driving = drive(robot, run);
     if (signalled || dismissed || !ros::ok()) leave(robot, driving);
-    ros::WallDuration(0.1).sleep(); /* ROS sends in a thread of its own: let the last words out */
+    ros::WallDuration(0.1).sleep(); /* ROS sends in another thread: wait for the last messages */
     return 0;
 }
 
@@ -446,7 +446,7 @@ extern "C" int sp_ros1(const char *mission, const char *robot_ns, const char *ou
     int code = 2;
     if (sp_run_open(&run, mission, log, residual) != 0) return 2;
     try {
-        /* Anonymous: a second runner of the same name would throw out the first, in flight. */
+        /* Anonymous: a second runner of the same name would shut down the first in flight. */
         ros::init(ros::M_string(), NODE,
                   ros::init_options::NoSigintHandler | ros::init_options::NoRosout | ros::init_options::AnonymousName);
         handle_signals();

@@ -1,4 +1,4 @@
-/* A loop with its log and its clock. */
+/* Ticks of the loop with log, timing and messages. */
 #define _POSIX_C_SOURCE 199309L
 #include "runner.h"
 
@@ -21,21 +21,21 @@ int sp_reject(const char *what, const char *why)
     return 2;
 }
 
-/* A whole text file, NULL where there is none; to be freed. */
+/* Read a whole text file; returns NULL on failure, else memory to be freed. */
 static char *read_text(const char *path)
 {
     FILE *in = fopen(path, "rb");
     char *text = in == NULL ? NULL : calloc(1, MOST + 2);
     size_t size = text == NULL ? 0 : fread(text, 1, MOST + 1, in);
     if (in != NULL) fclose(in);
-    if (text != NULL && (size > MOST || strlen(text) != size)) { /* a part of a mission is another mission */
+    if (text != NULL && (size > MOST || strlen(text) != size)) { /* never run a truncated mission */
         free(text);
         return NULL;
     }
     return text;
 }
 
-/* Begin the log, with the mission that the loop has. */
+/* Write the log's head and the mission. */
 static int begin_log(sp_run *run)
 {
     sp_log_head head;
@@ -64,7 +64,7 @@ int sp_run_open(sp_run *run, const char *mission, const char *log, int residual)
     const char *why = sp_loop_init(&run->loop, &read);
     if (why != NULL) return sp_reject("", why);
     if (log == NULL) return 0;
-    run->log = fopen(log, "ab"); /* a run that is refused later leaves an older log as it is */
+    run->log = fopen(log, "ab"); /* a run refused later must not change an older log */
     run->path = log;
     int empty = run->log != NULL && fseek(run->log, 0, SEEK_END) == 0 && ftell(run->log) <= 0;
     if (run->log == NULL || (empty && !begin_log(run)))
@@ -105,10 +105,10 @@ void sp_run_tick(sp_run *run, const sp_loop_input *input, sp_loop_output *output
     if (output->fault != SP_FINE) run->fault = output->fault;
     int whole = run->log == NULL || run->ticks > 1 || begin_log(run);
     run->lost |= !whole;
-    if (run->log != NULL) { /* at once: a runner that is killed leaves whole ticks */
+    if (run->log != NULL) { /* flushed every tick: a killed runner leaves whole ticks */
         if (!whole || fwrite(input, sizeof *input, 1, run->log) != 1 || fwrite(output, sizeof *output, 1, run->log) != 1 ||
             fwrite(&clock, sizeof clock, 1, run->log) != 1 || fflush(run->log) != 0) {
-            fprintf(stderr, "runner: the log cannot be written any more; driving goes on\n");
+            fprintf(stderr, "runner: the log cannot be written any more; the drive continues\n");
             fclose(run->log);
             run->log = NULL;
             run->lost = 1;
@@ -116,7 +116,7 @@ void sp_run_tick(sp_run *run, const sp_loop_input *input, sp_loop_output *output
     }
 }
 
-/* The value below which a share of the ticks lies, to 10 us. */
+/* Quantile of a histogram, to 10 us. */
 static double quantile(const int32_t *bins, int32_t total, double share)
 {
     double sum = 0.0;

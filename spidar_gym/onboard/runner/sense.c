@@ -1,16 +1,16 @@
-/* Samples → state: nothing that is not finite, in range and in order reaches the estimator. */
+/* Samples → state: the estimator receives only samples that are finite, in range and in order. */
 #include "runner.h"
 #include "spidar_math.h"
 #include "spidar_model.h"
 
-#define MAX_ANGLE 3.3      /* of a joint, as its encoder says [rad] */
-#define MAX_TURN 40.0      /* of a vectoring angle, ± 6π and some [rad] */
+#define MAX_ANGLE 3.3      /* of a joint, measured [rad] */
+#define MAX_TURN 40.0      /* of a vectoring angle, ± 6π with margin [rad] */
 #define MAX_POSITION 100.0 /* [m] */
 #define MAX_SPEED 30.0     /* [m/s] */
 #define MAX_RATE 35.0      /* of the gyroscope, 2000°/s [rad/s] */
 #define MAX_FORCE 200.0    /* of the accelerometer [m/s²] */
-#define JUMP 0.1           /* what a pose may be off from one to the next, besides … [m] */
-#define JUMP_SPEED 1.0     /* … what the robot may fly in between [m/s] */
+#define JUMP 0.1           /* largest difference between two poses, plus … [m] */
+#define JUMP_SPEED 1.0     /* … this speed times the time between them [m/s] */
 
 static int outside(const double *x, int n, double limit)
 {
@@ -24,7 +24,7 @@ static void first_of(sp_fault *fault, sp_fault found)
     if (*fault == SP_FINE) *fault = found;
 }
 
-/* What is wrong with a sample that has a time and some numbers. */
+/* Check a sample of a time and n numbers; returns the fault. */
 static sp_fault check_sample(double time, double now, double newest, const double *x, int n, double limit)
 {
     if (!sp_finite(&time, 1) || !sp_finite(x, n)) return SP_NOT_FINITE;
@@ -32,7 +32,7 @@ static sp_fault check_sample(double time, double now, double newest, const doubl
     return time < newest || time > now + SP_AHEAD ? SP_OUT_OF_ORDER : SP_FINE;
 }
 
-/* What is wrong with a pose whose numbers are in range: a tracking system that takes one marker for another jumps. */
+/* Check a pose in range for jumps, e.g. from confused markers of the tracking system; returns the fault. */
 static sp_fault check_pose(const sp_sense *s, double time, const double *position, const double *quat, const double *last)
 {
     double norm = sp_row(quat, quat, 4), way = 0.0;
@@ -85,7 +85,7 @@ static void receive_joints(sp_sense *s, const sp_measurement *m, double now, sp_
     clean->encoder_time = s->joint_time = m->encoder_time;
     sp_copy(clean->joint_position, m->joint_position, SP_JOINTS);
     sp_copy(clean->vectoring, m->vectoring, 2 * SP_ROTORS);
-    for (int j = 0; j < SP_JOINTS; j++) /* a torque only informs: one that is not finite counts as none */
+    for (int j = 0; j < SP_JOINTS; j++) /* torque is only logged: 0 if not finite */
         clean->joint_torque[j] = sp_finite(m->joint_torque + j, 1) ? m->joint_torque[j] : 0.0;
 }
 
@@ -104,7 +104,7 @@ static void receive_odometry(sp_sense *s, const sp_odometry *o, double now, sp_f
     s->has_pose = 1;
 }
 
-/* The torso's pose and velocity from those of the CoG; the legs' motion moves the one in the other. */
+/* Compute the torso's pose and velocity from the CoG's; the legs' motion moves the CoG within the torso. */
 static void from_odometry(sp_sense *s)
 {
     const sp_odometry *o = &s->odometry;
@@ -130,7 +130,7 @@ static void from_odometry(sp_sense *s)
     }
 }
 
-/* Begin to estimate: at rest, where the first samples say. */
+/* Initialise the estimator at rest, at the first samples. */
 static void start(sp_sense *s, double now)
 {
     double R[9], lever[3];
@@ -163,7 +163,7 @@ sp_fault sp_sense_update(sp_sense *s, const sp_mission *mission, const sp_loop_i
     memset(&clean, 0, sizeof clean);
     clean.time = now;
     clean.encoder_time = s->joint_time;
-    if (s->joint_time > -HUGE_VAL) { /* a message that is refused leaves what the last one said */
+    if (s->joint_time > -HUGE_VAL) { /* a rejected message leaves the last values */
         sp_copy(clean.joint_position, s->state.joint_position, SP_JOINTS);
         sp_copy(clean.vectoring, s->state.vectoring, 2 * SP_ROTORS);
         sp_copy(clean.joint_torque, s->state.joint_torque, SP_JOINTS);
@@ -190,7 +190,7 @@ sp_fault sp_sense_update(sp_sense *s, const sp_mission *mission, const sp_loop_i
     if (now - s->pose_time > limits->pose_age) first_of(&fault, SP_NO_POSE);
     if (!mission->odometry && now - s->imu_time > limits->imu_age) first_of(&fault, SP_NO_IMU);
     if (!sp_valid_state(&s->state)) {
-        sp_sense_init(s, mission); /* nothing of a state that is no number may live on */
+        sp_sense_init(s, mission); /* discard all memory of the invalid state */
         first_of(&fault, SP_NOT_FINITE);
     }
     return fault;

@@ -1,4 +1,4 @@
-/* `sim HOST:PORT MISSION`: a simulated robot over a socket, one answer to each input; no clock but the robot's. */
+/* `sim HOST:PORT MISSION`: drive a simulated robot over a socket, one output per input, by the robot's clock. */
 #define _POSIX_C_SOURCE 200112L
 #include <netdb.h>
 #include <netinet/in.h>
@@ -12,7 +12,7 @@
 
 #include "runner.h"
 
-/* All of a struct, 1; 0 where the other end has closed. */
+/* Receive a whole struct; returns 1, or 0 if the connection is closed. */
 static int receive_all(int link, void *to, size_t size)
 {
     return recv(link, to, size, MSG_WAITALL) == (ssize_t)size;
@@ -53,16 +53,16 @@ static int connect_to(const char *place)
     return link;
 }
 
-/* Hear who the robot is; NULL, or why it is refused. */
+/* Receive the robot's description; returns NULL, or why the robot is refused. */
 static const char *meet(int link, int32_t odometry)
 {
     static sp_sim_hello hello;
     static char reason[256];
     const char *names[SP_NAMES];
-    const size_t front = sizeof hello.interface; /* the rest may have another length in another interface */
+    const size_t front = sizeof hello.interface; /* another interface may have another length */
     if (!receive_all(link, hello.interface, front) || memcmp(hello.interface, SP_RUNNER_INTERFACE, front) != 0 ||
         !receive_all(link, (char *)&hello + front, sizeof hello - front))
-        return "the simulator speaks another interface; valid: one of this export";
+        return "the simulator has another interface; valid: one of this export";
     sp_found robot = {.model = hello.model, .name_count = hello.name_count, .names = names};
     hello.model[sizeof hello.model - 1] = 0;
     for (int k = 0; k < SP_NAMES; k++) {
@@ -81,7 +81,7 @@ int sp_sim(const char *place, const char *mission, const char *log, int residual
     if (sp_run_open(&run, mission, log, residual) != 0) return 2;
     int link = connect_to(place);
     if (link < 0)
-        return sp_reject("", "nobody answers there; valid: the HOST:PORT that `spidar sitl --link socket` says");
+        return sp_reject("", "no simulator there; valid: the HOST:PORT that `spidar sitl --link socket` prints");
     const char *why = meet(link, run.loop.mission.odometry);
     while (why == NULL && receive_all(link, &input, sizeof input)) {
         sp_run_tick(&run, &input, &output, -1.0);

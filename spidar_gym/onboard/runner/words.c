@@ -1,4 +1,4 @@
-/* A line of text as words, and words as numbers. */
+/* Split a line of text into words, and convert words to numbers. */
 #define _POSIX_C_SOURCE 200112L
 #include <stdlib.h>
 #include <string.h>
@@ -18,7 +18,7 @@ int sp_split(char *line, char **words)
     return count;
 }
 
-/* A word as a number; 0 where it is none. */
+/* Convert a word to a number; returns 0 if it is not one. */
 static int number(const char *word, double *value)
 {
     char *end;
