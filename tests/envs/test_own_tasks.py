@@ -307,7 +307,7 @@ def test_invalid_loads_are_refused_in_one_line():
     for task, words in (
         (Loaded(mass=-1.0), r"load = .*masses ≥ 0 kg"),
         (Loaded(mass=np.nan), r"masses ≥ 0 kg"),
-        (Loaded(place=(0.0, np.inf, 0.0)), r"at numbers in m"),
+        (Loaded(place=(0.0, np.inf, 0.0)), r"finite positions in m"),
     ):
         env = gymnasium.make(HOVER, task=task, max_episode_steps=30)
         with pytest.raises(InvalidValueError, match=words) as error:
@@ -365,7 +365,7 @@ class Named(HoverTask):
         (COURSE, {"task": HoverTask()}, "an object of a class derived from CourseTask"),
         (HOVER, {"task": Heavy()}, "weights that add up to 1"),
         (HOVER, {"task": Endless}, "failures with diverged"),
-        (HOVER, {"task": Named()}, "options are not called preset"),
+        (HOVER, {"task": Named()}, "a task without options named preset"),
         (HOVER, {"task": "nowhere:Task"}, r"module:Class of an importable task \(No module named 'nowhere'\)"),
         (HOVER, {"task": "payload:Nobody"}, "module:Class of an importable task"),
         (HOVER, {"task": "payload"}, "module:Class of an importable task"),
