@@ -40,7 +40,7 @@ static double own_or(double own, double other)
     return own != 0.0 ? own : other;
 }
 
-/* Share of the observed torque that is compensated. */
+/* Share of the observed torque that is cancelled. */
 double sp_torque_observer_gain(const sp_compensation_config *c)
 {
     return own_or(c->torque_observer_gain, c->observer_gain);
@@ -113,7 +113,7 @@ static void follow_reference(const sp_control_state *control, const sp_reference
     }
 }
 
-/* Wrench in {CoG} that compensates the weight, with the gyroscopic torque ω × I `turning_b`. */
+/* Wrench in {CoG} that balances the weight and the gyroscopic torque ω × I `turning_b`. */
 static void weight_wrench(const sp_robot *robot, const sp_control_state *control, const double *omega_b,
                           const double *turning_b, double *wrench)
 {

@@ -126,7 +126,7 @@ void sp_flight_reset(const sp_robot *robot, sp_flight *f, const sp_robot_state *
     sp_copy(m->joint_position, joints, SP_JOINTS);
     sp_copy(m->compensation.servo_position, joints, SP_JOINTS);
     if (trim == NULL) return;
-    /* Initialise integrals to the known trim wrench, less the share that the observer compensates. */
+    /* Initialise integrals to the known trim wrench, less the share that the observer cancels. */
     sp_snapshot *s = &f->control.snapshot;
     double R[9], force[3], torque[3], adjugate[9], angular[3];
     double of_force = 1.0 - f->config.compensation.observer_gain;
