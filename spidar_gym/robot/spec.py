@@ -87,10 +87,10 @@ class RobotSpec:
     yaw_to_pitch: float = 0.0515
     """Distance from a yaw axis to the pitch axis of the same junction [JSK]."""
     pitch_to_yaw: float = 0.523
-    """Distance from the inner pitch axis to the outer yaw axis, also the length of the rod [JSK]; a longer inner link is
-    stretched, and therefore heavier."""
+    """Distance from the inner pitch axis to the outer yaw axis, also the length of the rod [JSK]; a longer inner link
+    is stretched, and therefore heavier."""
     pitch_to_foot: float = 0.5115
-    """Distance from the outer pitch axis to the centre of the foot sphere [JSK]; a longer outer link is stretched too."""
+    """Distance from the outer pitch axis to the centre of the foot sphere [JSK]; a longer link is stretched too."""
     foot_radius: float = 0.04
     """Radius of the foot sphere [JSK]."""
     rod_radius: float = 0.0125
