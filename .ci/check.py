@@ -1,4 +1,4 @@
-"""Everything that must hold, in the order of CI: format, lint, types, imports, generated files, guide, tests, wheel."""
+"""Runs all checks in the order of CI: format, lint, types, imports, generated files, guide, tests, wheel."""
 
 import argparse
 import os
@@ -24,33 +24,33 @@ QUICK = (
     "robot/description", "robot/spec", "sim/body", "sim/disturbances", "sim/energy", "sim/randomize", "sim/sensors",
     "so3", "train/headroom",
 )  # fmt: skip
-"""Test files of --fast: those that need at most some twelve seconds of one core each, 160 together."""
+"""Test files of --fast: each takes at most about twelve seconds of one core, all together 160."""
 
 
 def test_file(name: str) -> str:
-    """`sim/plant` → `tests/sim/test_plant.py`."""
+    """Return the path of a test file: `sim/plant` → `tests/sim/test_plant.py`."""
     folder, _, module = name.rpartition("/")
     return str(Path("tests", folder, f"test_{module}.py"))
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Commands that run side by side, and how long they take together."""
+    """Commands that run in parallel, and their expected duration."""
 
     title: str
-    """What it is."""
+    """Title of the stage."""
     commands: dict[str, list[str]]
-    """Title → command, the first word a program of this environment."""
+    """Title → command; its first word is a program of this environment."""
     minutes: float
-    """Expected on two quiet cores."""
+    """Expected duration on two quiet cores [min]."""
 
     @property
     def limit(self) -> float:
-        """When a command of it is stopped [s]: what hangs must not take the whole check with it."""
+        """Time limit of each command [s], so that a hanging command does not block the whole check."""
         return 60.0 * max(5.0, 4.0 * self.minutes)
 
 
-# Side by side: pyright uses one core.
+# In parallel: pyright uses one core.
 CHECKS: dict[str, list[str]] = {
     "types": ["pyright", "--pythonpath", sys.executable],
     "format": ["ruff", "format", "--check", "."],
@@ -58,9 +58,9 @@ CHECKS: dict[str, list[str]] = {
     "import layers": ["lint-imports"],
     "generated files": ["spidar", "assets", "--check"],
 }
-# Sphinx's warnings are errors, and links that lead nowhere; no network.
+# Sphinx's warnings and broken links are errors; no network is used.
 GUIDE = {"guide": ["spidar", "docs"]}
-# What is skipped says why.
+# -rs prints the reasons of skipped tests.
 PYTEST = ["pytest", "-rs", "-n", WORKERS, "--dist", "loadfile"]
 TIMED = [*PYTEST, "--durations", "12"]
 UNCHECKED = "--strict-markers -q --import-mode=importlib"
@@ -72,17 +72,15 @@ FULL = (
         {"pytest": [*TIMED, "-m", "not (ros or slow or train or unchecked)"]},
         5.5,
     ),
-    # The same code for longer: the checks at run time would double its time, and have been made above.
+    # Long runs of the same code: checks at run time would double their time, and the stage above makes them.
     Stage(
         "whole programs, long tests",
         {"pytest": [*TIMED, "-o", f"addopts={UNCHECKED}", "-m", "(slow or train or unchecked) and not ros"]},
         10.0,
     ),
-    # In real time: nothing else runs beside them.
+    # In real time: nothing else runs in parallel.
     Stage("tests through ROS 1", {"pytest": ["pytest", "-rs", "-n0", "-m", "ros"]}, 3.0),
-    Stage(
-        "rows of the leaderboard, played again", {"verify": ["spidar", "leaderboard", "verify", "--sample", "10"]}, 0.2
-    ),
+    Stage("leaderboard rows, evaluated again", {"verify": ["spidar", "leaderboard", "verify", "--sample", "10"]}, 0.2),
     Stage("wheel, installed alone", {"wheel": ["python", str(Path(".ci", "wheel.py"))]}, 0.8),
 )
 FAST = (
@@ -96,7 +94,7 @@ FAST = (
 
 
 def run(title: str, command: list[str], limit: float = 300.0, cwd: Path | str = ROOT) -> None:
-    """Run one command for `limit` seconds at most; stop everything where it fails."""
+    """Run one command for `limit` seconds at most; exit if it fails."""
     print(f"── {title}: {' '.join(command)}", flush=True)
     try:
         code = subprocess.run(command, cwd=cwd, check=False, timeout=limit).returncode
@@ -107,7 +105,7 @@ def run(title: str, command: list[str], limit: float = 300.0, cwd: Path | str = 
 
 
 def play(stage: Stage) -> None:
-    """Run a stage and say how long it took, and how much of that the processors worked: a busy machine shows there."""
+    """Run a stage and print its duration and CPU time, whose ratio reveals a busy machine."""
     start, worked = time.monotonic(), _processor_minutes()
     with ThreadPoolExecutor(2) as pool:
         program = {title: [str(BIN / first), *rest] for title, (first, *rest) in stage.commands.items()}
@@ -126,7 +124,7 @@ def _processor_minutes() -> float:
 
 
 def plan(stages: tuple[Stage, ...]) -> str:
-    """The stages with their minutes, as text."""
+    """Return the stages with their expected minutes, as text."""
     lines = [f"{stage.minutes:4.1f} min  {stage.title}" for stage in stages]
     return "\n".join([*lines, f"{sum(stage.minutes for stage in stages):4.1f} min  in all, on two quiet cores"])
 
@@ -137,10 +135,10 @@ def main(arguments: list[str] | None = None) -> None:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog=f"everything:\n{plan(FULL)}\n\n--fast:\n{plan(FAST)}\n\n"
-        "adversaries make a sample of their tries, ROS flies some missions; all: pytest tests/adversary --whole, "
+        "adversaries run a sample of their attempts, ROS some missions; all of them: pytest tests/adversary --whole, "
         "pytest -n0 -m ros --whole",
     )
-    parser.add_argument("--fast", action="store_true", help="what a contributor needs between two commits")
+    parser.add_argument("--fast", action="store_true", help="run only the quick checks, for use between two commits")
     fast = parser.parse_args(arguments).fast
     stages = FAST if fast else FULL
     print(plan(stages), flush=True)

@@ -1,14 +1,14 @@
-"""Every command of the guide, made short: what `.ci/wheel.py --commands` runs with the wheel alone."""
+"""Every command of the guide in a short version, run by `.ci/wheel.py --commands` with the wheel alone."""
 
 import shlex
 from dataclasses import dataclass
 
 DONE = "done"
-"""What is said of a command that ended as it should."""
+"""Outcome of a command that succeeds."""
 VIZ, WEB, TUNE, TRAIN, RAY = "viz", "web", "tune", "train", "ray"
-"""Extras."""
+"""Names of the extras."""
 CLONE = "valid: a clone of the repository"
-"""What a command of the development says outside of one."""
+"""Part of the refusal of a development command outside a clone."""
 MINE = '''
 from pathlib import Path
 Path("long.toml").write_text("pitch_to_foot = 0.6138")
@@ -67,30 +67,30 @@ class Try:
     """A command of the guide."""
 
     command: str
-    """As the guide has it."""
+    """The command as written in the guide; unique."""
     options: str = ""
-    """What makes it short."""
+    """Additional options for a short run."""
     extra: str = ""
-    """The extra that it needs."""
+    """The required extra; empty for none."""
     refusal: str = ""
-    """What stands in the one line in which it is refused, without its extra where it has one; empty where it is not."""
+    """Part of the one-line refusal, without the extra if one is required; empty for a command that succeeds."""
     makes: tuple[str, ...] = ()
-    """Files that are there afterwards."""
+    """Files that the command must create."""
     instead: str = ""
-    """What is run, where that is not `command` with `options`."""
+    """The command line to run in place of `command` with `options`."""
     status: int = 2
     """Exit status of a refusal."""
     alone: bool = True
-    """Whether it is tried without the extra too."""
+    """Whether the command also runs without the extra."""
 
     @property
     def tried(self) -> str:
-        """What is run, as a line."""
+        """The command line that is run."""
         return self.instead or f"{self.command} {self.options}".strip()
 
     @property
     def words(self) -> list[str]:
-        """What is run, word by word."""
+        """The words of the command line that is run."""
         return shlex.split(CODE.get(self.tried, self.tried))
 
 
@@ -101,7 +101,7 @@ CODE = {
     "python serve.py view --web --port 0": f"python -c {shlex.quote(SERVE)} view --web --port 0",
     "python learn.py": f"python -c {shlex.quote(LEARN)}",
 }
-"""Programs that are no files."""
+"""Programs that do not exist as files: name → command."""
 FAST5 = "--tracks flight-fast5 --scenarios 1"
 MEMORY = "baselines/learned/memory/seed0.npz"
 
@@ -173,7 +173,7 @@ GUIDE = (
         instead="spidar leaderboard held-out --policy mine:Damper --against qp_tuned --scenarios 1"),
     Try("spidar leaderboard answers", "--names qp --tracks flight-paper --scenarios 1"),
     Try("spidar scenarios --check"),
-    # To the robot.
+    # Export and software in the loop.
     Try("spidar export", "--out onboard",
         makes=("onboard/core/flight.c", "onboard/examples/allocate.c", "onboard/MANIFEST.json")),
     Try("spidar export --residual FILE", instead=f"spidar export --out learned --residual {MEMORY}"),
@@ -185,15 +185,15 @@ GUIDE = (
     Try("spidar sitl course --gates N", instead="spidar sitl course --gates 1 --link socket --robots 1"),
     Try("spidar sitl faults", "--link socket --only killed"),
     Try("spidar sitl robot --link socket, then Ctrl-C", instead="python serve.py sitl robot --link socket"),
-    # Speed and what is generated.
+    # Speed and generated files.
     Try("spidar bench", "--seconds 0.01"),
     Try("spidar assets"),
     Try("spidar assets --check"),
     Try("spidar assets --robot FILE --out FOLDER", instead="spidar assets --robot long.toml --out long"),
-    # The development's.
+    # Commands of the development.
     Try("spidar docs", refusal=CLONE),
     Try("spidar docs --tables", refusal=CLONE),
     Try("spidar docs --pictures", refusal=CLONE),
     Try("python -m train.NAME", refusal="No module named 'train'", status=1, instead="python -m train.distill first"),
 )  # fmt: skip
-"""All of them, in an order in which what one makes is there for the next."""
+"""All commands, ordered so that each finds the files of earlier ones."""

@@ -1,4 +1,4 @@
-"""What a wheel without the checkout must do: fly, crawl, rank, play what is committed, export; import no torch."""
+"""Smoke test of a wheel without the checkout: fly, crawl, rank, run committed policies, export; no torch."""
 
 import importlib.util
 import multiprocessing
@@ -16,8 +16,8 @@ from spidar_gym.policies.load import load_policy
 
 
 def fly_and_crawl() -> None:
-    """Both environments, with either controller."""
-    for control in ("python", "core"):  # the latter is compiled, and has come with the wheel
+    """Run both environments with both controllers."""
+    for control in ("python", "core"):  # the C core is part of the wheel
         env = gymnasium.make("spidar_gym/Hover-v0", forms="form2", perturbation=0.0, control=control)
         env.reset(seed=0)
         for _ in range(40):
@@ -34,7 +34,7 @@ def fly_and_crawl() -> None:
 
 
 def rank() -> None:
-    """A policy of one's own, and the committed ones, by the names that they have in a checkout."""
+    """Evaluate a custom policy and the committed ones, by their names in a checkout."""
     Path("mine.py").write_text(
         "import numpy as np\n"
         "class Zero:\n"
@@ -45,16 +45,16 @@ def rank() -> None:
     )
     main(["eval", "--policy", "mine:Zero", "--tracks", "flight-fast5", "--scenarios", "2", "--workers", "1"])
     row, reference = read_row(Path("out/scores/zero.json")), committed_row()
-    assert reference is not None, "the wheel has what scores refer to"
+    assert reference is not None, "the wheel contains the reference row"
     np.testing.assert_allclose(row.errors("flight-fast5")[0], reference.errors("flight-fast5")[0, :2], rtol=0.02)
     main(["leaderboard", "show", "--rows", "out/scores", "--tracks", "flight-fast5"])
     main(["leaderboard", "compare", "--row", "baselines/scores/qp_tuned.json"])
-    # In processes that know nothing of this one.
+    # In spawned processes, which share no state with this one.
     main(["leaderboard", "verify", "--sample", "3", "--seed", "1", "--workers", "2"])
 
 
 def committed() -> None:
-    """Every committed policy is there, and flies."""
+    """Load every committed policy, and fly two of them."""
     specs = {spec for row in committed_rows().values() for spec in row.policies}
     assert set(committed_artifacts()) <= specs
     for spec in specs:
@@ -65,7 +65,7 @@ def committed() -> None:
 
 if __name__ == "__main__":
     multiprocessing.set_start_method("spawn")
-    assert importlib.util.find_spec("baselines") is None, "no package of that name is installed"
+    assert importlib.util.find_spec("baselines") is None, "no package `baselines` is installed"
     fly_and_crawl()
     assert not {"torch", "stable_baselines3", "matplotlib"} & sys.modules.keys()
     main(["list"])

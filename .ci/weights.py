@@ -1,4 +1,4 @@
-"""What a package weighs with all that it needs, on the disk and when it is imported; run by the Python that has it."""
+"""Size and import time of a package and its dependencies; run by the Python in which it is installed."""
 
 import json
 import re
@@ -9,29 +9,29 @@ from pathlib import Path
 from statistics import median
 
 MODULES = {"pin": "pinocchio", "scipy": "scipy.linalg, scipy.sparse", "spidar-gym": "gymnasium, spidar_gym"}
-"""What of a package is imported, where that is not its name; ours registers environments once there is Gymnasium."""
+"""Modules to import, where they differ from the package's name; ours registers environments with Gymnasium."""
 TIMED = "import time{first}; start = time.process_time(); import {module}; print(time.process_time() - start)"
 
 
 def plain(name: str) -> str:
-    """A package's name as indexes have it."""
+    """Normalise a package's name as package indexes do."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def needed(found: Distribution) -> list[str]:
-    """Names of the packages that it requires, without those of its extras."""
+    """Return the names of the packages that a package requires, without those of its extras."""
     lines = [line for line in found.requires or [] if "extra ==" not in line]
     return [plain(re.match(r"[\w.-]+", line)[0]) for line in lines]  # pyright: ignore[reportOptionalSubscript]
 
 
 def weight(found: Distribution) -> float:
-    """Its files [MB]."""
+    """Return the size of a package's files [MB]."""
     paths = (Path(str(file.locate())) for file in found.files or [])
     return sum(path.stat().st_size for path in paths if path.is_file() and not path.is_symlink()) / 1e6
 
 
 def import_time(name: str) -> float:
-    """Processor time of importing it, but for NumPy, which all of them import [ms]: the median of five."""
+    """Return the median CPU time of five imports of a package [ms], without NumPy, which all of them import."""
     first = "" if name == "numpy" else ", numpy"
     code = TIMED.format(first=first, module=MODULES.get(name, name.replace("-", "_")))
     command = [sys.executable, "-c", code]
@@ -39,7 +39,7 @@ def import_time(name: str) -> float:
 
 
 def closure(name: str, there: dict[str, Distribution], others: set[str]) -> set[str]:
-    """A package and what it brings, but for what is there of its own right."""
+    """Return a package and its transitive dependencies, without the packages in `others`."""
     found, new = set[str](), {name}
     while new:
         found |= new
@@ -48,7 +48,7 @@ def closure(name: str, there: dict[str, Distribution], others: set[str]) -> set[
 
 
 def table(name: str) -> list[list[str]]:
-    """Lines of a table, the heaviest first: package, what it brings, MB, ms."""
+    """Return the lines of a table, the largest first: package, its dependencies, MB, ms."""
     there = {plain(found.metadata["Name"]): found for found in distributions()}
     direct = {n for n in needed(distribution(name)) if n in there}
     parts = {n: closure(n, there, direct - {n}) for n in direct} | {plain(name): {plain(name)}}

@@ -1,4 +1,4 @@
-"""The wheel alone: built, installed in an empty environment, and tried outside of the checkout."""
+"""Builds the wheel, installs it in an empty environment, and tests it outside the checkout."""
 
 import argparse
 import json
@@ -15,23 +15,23 @@ from commands import DONE, GUIDE, Try
 
 ROOT = Path(__file__).resolve().parent.parent
 OLDEST = "gymnasium==1.2.0"
-"""The oldest that pyproject.toml admits; the tests have the newest."""
+"""The oldest version that pyproject.toml admits; the tests use the newest."""
 EXTRAS = "viz,web,tune,train,ray"
-"""What is installed for the commands that need more than the wheel."""
+"""Extras installed for the commands that need them."""
 LIMIT = 5400.0
-"""When a command is stopped, on however busy a machine [s]."""
+"""Time limit of a command [s], long enough for a busy machine."""
 
 
 class Environment:
-    """A virtual environment with the wheel and what it needs, and an empty folder beside it to work in."""
+    """A virtual environment for the wheel, and an empty working folder beside it."""
 
     def __init__(self, folder: Path, python: str) -> None:
-        """Make it with a Python."""
+        """Create the environment with `python`."""
         self.folder, self.bin = folder, folder / "venv" / "bin"
         self.work = folder / "work"
         self.work.mkdir(parents=True)
         call("environment", [python, "-m", "venv", str(folder / "venv")])
-        # Nothing of the checkout, no display, nothing compiled before.
+        # No path of the checkout, no display, no cache of compiled files.
         self.variables = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "DISPLAY", "WAYLAND_DISPLAY")}
         self.variables |= {
             "PATH": f"{self.bin}{os.pathsep}{os.environ['PATH']}", "XDG_CACHE_HOME": str(folder / "cache"),
@@ -39,11 +39,11 @@ class Environment:
         }  # fmt: skip
 
     def install(self, *words: str) -> None:
-        """Install with its pip."""
+        """Install packages with the environment's pip."""
         call("install", [str(self.bin / "python"), "-m", "pip", "install", "-q", *words])
 
     def run(self, words: list[str]) -> subprocess.CompletedProcess[str]:
-        """Run a program of it, or of the machine, in its folder."""
+        """Run a program of the environment, or of the system, in the working folder."""
         own = self.bin / words[0]
         return subprocess.run(
             [str(own) if own.exists() else words[0], *words[1:]], cwd=self.work, env=self.variables, check=False,
@@ -52,7 +52,7 @@ class Environment:
 
 
 def call(title: str, command: list[str], **how: object) -> None:
-    """Run a step of the preparation; end everything where it fails."""
+    """Run a step of the preparation; exit if it fails."""
     print(f"── {title}: {' '.join(command)}", flush=True)
     code = subprocess.run(command, check=False, **how).returncode  # pyright: ignore[reportCallIssue, reportArgumentType]
     if code != 0:
@@ -60,13 +60,13 @@ def call(title: str, command: list[str], **how: object) -> None:
 
 
 def build(folder: Path) -> Path:
-    """The wheel, built from the checkout as `python -m build` does."""
+    """Build the wheel from the checkout with `python -m build`; returns its path."""
     call("wheel", [sys.executable, "-m", "build", "--wheel", "--installer", "pip", "--outdir", str(folder), str(ROOT)])
     return next(folder.glob("*.whl"))
 
 
 def smoke(wheel: Path, python: str, folder: Path) -> None:
-    """What every wheel has to do, on the oldest Gymnasium."""
+    """Run the smoke test on the oldest Gymnasium."""
     made = Environment(folder, python)
     made.install(str(wheel), OLDEST)
     command = [str(made.bin / "python"), str(ROOT / ".ci" / "smoke.py")]
@@ -74,7 +74,7 @@ def smoke(wheel: Path, python: str, folder: Path) -> None:
 
 
 def outcome(one: Try, made: Environment, extras: bool) -> tuple[str, bool]:
-    """What came of a command, in words, and whether that is what the guide says."""
+    """Run a command; returns its outcome in words, and whether that is the documented one."""
     try:
         done = made.run(one.words)
     except subprocess.TimeoutExpired:
@@ -94,9 +94,9 @@ def outcome(one: Try, made: Environment, extras: bool) -> tuple[str, bool]:
 
 
 def every_command(wheel: Path, python: str, folder: Path, only: tuple[str, ...]) -> tuple[list[list[str]], list[str]]:
-    """Lines of a table, and the commands that did not do what the guide says.
+    """Return the lines of a table, and the commands whose outcome is not the documented one.
 
-    Every command of the guide is run with the wheel alone, then those that need an extra with the extras.
+    Every command of the guide runs with the wheel alone, then those that need an extra run with the extras.
     """
     made = Environment(folder, python)
     made.install(str(wheel))
@@ -122,14 +122,14 @@ def every_command(wheel: Path, python: str, folder: Path, only: tuple[str, ...])
 
 
 def renewed(path: Path, lines: list[list[str]]) -> list[list[str]]:
-    """The table of a result with some of its commands tried again."""
+    """Return the table of an existing result, updated with `lines`."""
     old = json.loads(path.read_text(encoding="utf-8"))["lines"] if path.exists() else lines
     new = {line[0]: line for line in old} | {line[0]: line for line in lines}
     return [new[name] for name in ("command", *(one.command for one in GUIDE)) if name in new]
 
 
 def weigh(wheel: Path, python: str, folder: Path) -> list[list[str]]:
-    """What the wheel and what it needs weigh, package by package."""
+    """Return the table of the sizes of the wheel and its dependencies."""
     made = Environment(folder, python)
     made.install(str(wheel))
     done = made.run(["python", str(ROOT / ".ci" / "weights.py"), "spidar-gym"])
@@ -142,7 +142,7 @@ def weigh(wheel: Path, python: str, folder: Path) -> list[list[str]]:
 
 
 def write(path: Path, wheel: Path, how: str, lines: list[list[str]]) -> None:
-    """A result of the guide: the cells of its table, and what made them."""
+    """Write a result of the guide: the cells of its table, the command, the version and the date."""
     made = {"command": f"python .ci/wheel.py {how}", "version": wheel.name.split("-")[1], "date": str(date.today())}
     path.write_text(json.dumps({**made, "lines": lines}, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
@@ -150,12 +150,12 @@ def write(path: Path, wheel: Path, how: str, lines: list[list[str]]) -> None:
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--commands", action="store_true", help="try every command of the guide, up to two hours")
-    parser.add_argument("--only", nargs="+", default=[], help="those that begin so; a result keeps the others")
-    parser.add_argument("--weights", action="store_true", help="say what is installed, and how heavy it is")
-    parser.add_argument("--python", nargs="+", default=[sys.executable], help="with these, in place of this one")
-    parser.add_argument("--wheel", type=Path, help="this wheel, in place of one that is built")
-    parser.add_argument("--result", type=Path, help="file for what was found, a result of the guide")
+    parser.add_argument("--commands", action="store_true", help="run every command of the guide, up to two hours")
+    parser.add_argument("--only", nargs="+", default=[], help="only commands with these prefixes; results keep others")
+    parser.add_argument("--weights", action="store_true", help="print the installed packages and their sizes")
+    parser.add_argument("--python", nargs="+", default=[sys.executable], help="Pythons to use in place of this one")
+    parser.add_argument("--wheel", type=Path, help="an existing wheel, in place of a new one")
+    parser.add_argument("--result", type=Path, help="write the table to this file, a result of the guide")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -175,7 +175,7 @@ def main() -> None:
             if given.result:
                 write(given.result, wheel, how, lines)
             if wrong:
-                sys.exit(f"not as the guide says: {', '.join(wrong)}")
+                sys.exit(f"outcome differs from the guide: {', '.join(wrong)}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The guide's settings for Sphinx; `spidar docs` builds it, offline and with warnings as errors."""
+"""Sphinx settings of the guide, which `spidar docs` builds offline and with warnings as errors."""
 
 import json
 import re
@@ -50,11 +50,11 @@ html_show_sphinx = False
 
 
 fields: dict[str, list[str]] = {}
-"""Docstrings of fields on their way past napoleon, which takes what stands before a colon for a type."""
+"""Docstrings of fields, kept from napoleon, which interprets the text before a colon as a type."""
 
 
 def plain(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:  # noqa: ANN401 - Sphinx's
-    """Docstrings are plain text with code in backticks: what reStructuredText would read as markup stays as written."""
+    """Escape reStructuredText markup in docstrings, which are plain text with code in backticks."""
     for k, line in enumerate(lines):
         parts = re.split(r"(`[^`]*`)", line)
         parts[::2] = [re.sub(r"([|*]|(?<=\w)_(?!\w))", r"\\\1", part) for part in parts[::2]]
@@ -64,7 +64,7 @@ def plain(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[st
 
 
 def restore(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:  # noqa: ANN401 - Sphinx's
-    """Put a field's docstring back."""
+    """Restore a field's docstring after napoleon."""
     lines[:] = fields.pop(name, lines)
 
 
@@ -76,11 +76,11 @@ SPELLED = (
     (r"\bCoG\b", r"\\mathrm{CoG}"),
     (r"\\([td]?frac)(\d)(\d)", r"\\\1{\2}{\3}"),
 )
-"""Forms of TeX that the converter does not know or draws badly, as an index of an accented letter."""
+"""Replacements for TeX that the converter does not support or renders badly, such as an index of an accented letter."""
 
 
 def mathml(translator: Any, node: Any) -> None:  # noqa: ANN401 - Sphinx's
-    """A formula as MathML, which browsers draw without a script from the network."""
+    """Convert a formula to MathML, which browsers render without a script from the network."""
     text, block = node.astext(), node.tagname == "math_block"
     for short, spelled in SPELLED:
         text = re.sub(short, spelled, text)
@@ -94,7 +94,7 @@ def mathml(translator: Any, node: Any) -> None:  # noqa: ANN401 - Sphinx's
 
 
 def page_of(notebook: dict[str, Any]) -> str:
-    """A notebook as a page: its text, its code, and what it printed and drew when it was run."""
+    """Convert a notebook to a page: its text, code, and saved outputs."""
     blocks = []
     for cell in notebook["cells"]:
         source = "".join(cell["source"])
@@ -107,17 +107,17 @@ def page_of(notebook: dict[str, Any]) -> str:
                 blocks.append(f"```text\n{''.join(output['text'])}```")
             else:
                 picture = "".join(output["data"]["image/png"]).replace("\n", "")
-                blocks.append(f"![What the code above draws](data:image/png;base64,{picture})")
+                blocks.append(f"![Output of the code above](data:image/png;base64,{picture})")
     return "\n\n".join(blocks)
 
 
 class NotebookParser(MystParser):
-    """Reads notebooks; they are run beforehand, by `jupyter execute`, and nothing here runs them."""
+    """Parses notebooks, whose outputs are saved beforehand by `jupyter execute`."""
 
     supported = ("notebook",)
 
     def parse(self, inputstring: str, document: Any) -> None:  # noqa: ANN401 - docutils'
-        """Read one, and say above its text where the notebook itself is."""
+        """Parse a notebook, and add a download link above its text."""
         heading, rest = page_of(json.loads(inputstring)).split("\n", 1)
         sphinx = document.settings.env
         name = Path(sphinx.doc2path(sphinx.docname)).name
@@ -130,7 +130,7 @@ def write_environments(app: Any) -> None:  # noqa: ANN401 - Sphinx's application
 
 
 def setup(app: Any) -> None:  # noqa: ANN401 - Sphinx's application
-    """Connect to Sphinx; to docstrings before and after napoleon."""
+    """Register the extensions; docstrings are processed before and after napoleon."""
     app.add_html_math_renderer("mathml", (mathml, None), (mathml, None))
     app.add_source_parser(NotebookParser)
     app.connect("builder-inited", write_environments)

@@ -1,4 +1,4 @@
-"""A task of your own: fly a figure of eight, leaning into it, while the legs move."""
+"""A custom task: fly a figure of eight with moving legs and a torso that rolls into the turns."""
 
 from dataclasses import dataclass
 
@@ -11,12 +11,12 @@ from spidar_gym.tasks.task import tolerance
 
 @dataclass(frozen=True)
 class FigureOfEight(HoverTask):
-    """Two loops, one after the other, as wide as drawn; what is given here, `reset` takes as an option too."""
+    """Two loops of a random width; the fields are also options of `reset`."""
 
     seconds: float = 16.0
     """Time of both loops [s]."""
     lean: float = 0.1
-    """How far the torso rolls into them [rad]."""
+    """Roll of the torso into the loops [rad]."""
 
     reward_terms = {
         "position": (0.5, "1 / (1 + (‖position error‖ / 0.03 m)²)"),
@@ -26,11 +26,11 @@ class FigureOfEight(HoverTask):
     memory = (("width", "f8"),)
 
     def draw(self, rng):
-        """What an episode begins with, beside all that the environment draws."""
+        """Sample the initial memory of an episode."""
         return {"width": rng.uniform(0.2, 0.4)}
 
     def reference(self, robots):
-        """The hover's, on x = a sin s, y = a sin s cos s, rolled to the side to which the path bends."""
+        """Move the hover's reference along x = a sin s, y = a sin s cos s, and roll it into the turns."""
         wanted, a = super().reference(robots), robots.memory["width"]
         rate = 2.0 * np.pi / self.seconds
         s, roll = rate * robots.time, -self.lean * np.sin(2.0 * rate * robots.time)
@@ -42,7 +42,7 @@ class FigureOfEight(HoverTask):
         return wanted
 
     def terms(self, robots):
-        """Terms of the reward."""
+        """Compute the terms of the reward."""
         return {
             "position": tolerance(robots.distance, 0.03),
             "attitude": tolerance(robots.angle, 0.03),

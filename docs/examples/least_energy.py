@@ -1,4 +1,4 @@
-"""A task of your own: stay where you are told to, roughly, on as little energy as you can."""
+"""A custom task: stay near a commanded place with as little energy as possible."""
 
 from dataclasses import replace
 
@@ -9,11 +9,11 @@ from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.tasks.start import draw_start
 
 NEAR, HOVERS = 0.2, 3000.0
-"""How far off costs nothing [m]; power of a hover with all rotors upright, about [W]."""
+"""Distance without a penalty [m]; approximate power of a hover with all rotors upright [W]."""
 
 
 class LeastEnergy(HoverTask):
-    """Hold a form near a place; what is rewarded is power that is not spent."""
+    """Hold a form near a place; the reward falls with the power."""
 
     reward_terms = {
         "power": (0.7, "1 / (1 + P / 3000 W)"),
@@ -23,16 +23,16 @@ class LeastEnergy(HoverTask):
     memory = (("energy", "f8"),)
 
     def start(self, rng):
-        """An episode begins in motion, where and in the form that the environment draws."""
+        """Add random velocities to the start that the environment samples."""
         drawn = draw_start(self, rng)
         return replace(drawn, velocity=rng.uniform(-0.2, 0.2, 3), omega=rng.uniform(-0.1, 0.1, 3))
 
     def advance(self, robots):
-        """Count the energy."""
+        """Integrate the energy [Wh]."""
         robots.memory["energy"] += robots.power / 40.0 / 3600.0
 
     def terms(self, robots):
-        """Terms of the reward."""
+        """Compute the terms of the reward."""
         return {
             "power": 1.0 / (1.0 + robots.power / HOVERS),
             "near": np.clip(2.0 - robots.distance / NEAR, 0.0, 1.0),
@@ -40,7 +40,7 @@ class LeastEnergy(HoverTask):
         }
 
     def succeeded(self, robots):
-        """Who has flown to the end, and stayed near."""
+        """Return whether each flight has reached the horizon near the place."""
         return (robots.ticks >= robots.horizon) & (robots.distance < NEAR)
 
 

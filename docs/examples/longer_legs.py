@@ -1,6 +1,6 @@
-"""A robot of your own: outer links a fifth longer, beside the original, in the air and on the ground.
+"""A custom robot with outer links a fifth longer, compared with the original in the air and on the ground.
 
-`python docs/examples/longer_legs.py 50` plays fifty hovers and fifty crawls of each, and prints what came of them.
+`python docs/examples/longer_legs.py 50` runs fifty hovers and fifty crawls of each, and prints the results.
 """
 
 import sys
@@ -16,7 +16,7 @@ HARD = {"sensors": True, "randomization": 1.0}
 
 
 def played(name, seed, **arguments):
-    """What was told after each step of an episode of the controller alone; a crawl ends when it is finished."""
+    """Return `info` of every step of an episode without a policy; a crawl ends when it is finished."""
     env = gymnasium.make(name, **arguments)
     env.reset(seed=seed)
     infos, over = [], False
@@ -29,7 +29,7 @@ def played(name, seed, **arguments):
 
 
 def hover(robot, count, **arguments):
-    """Mean RMS errors of position [mm] and attitude [mrad] with moving legs, and how many flights succeeded."""
+    """Return mean RMS errors of position [mm] and attitude [mrad] with moving legs, and the number of successes."""
     flights = [
         played("spidar_gym/Hover-v0", seed, robot=robot, preset="tuned", joint_speed=0.6, **arguments)
         for seed in range(count)
@@ -40,7 +40,7 @@ def hover(robot, count, **arguments):
 
 
 def crawl(robot, count, **arguments):
-    """How many crawls to a drawn goal succeeded, and their median time over the planned one."""
+    """Return the number of successful crawls to a random goal, and their median time over the planned one."""
     last = [
         played("spidar_gym/Crawl-v0", seed, robot=robot, preset="robust_retuned", **arguments)[-1]
         for seed in range(count)
@@ -50,9 +50,9 @@ def crawl(robot, count, **arguments):
 
 
 def compare(count):
-    """A line of text for each robot and setting."""
+    """Yield a line of text for each robot and setting."""
     for name, robot in {"original": ROBOT, "longer legs": LONG}.items():
-        for setting, options in {"as described": {}, "sensors and drawn robots": HARD}.items():
+        for setting, options in {"as described": {}, "sensors and randomised robots": HARD}.items():
             position, attitude, flown = hover(robot, count, **options)
             walked, share = crawl(robot, count, **options)
             yield (

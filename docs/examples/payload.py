@@ -1,4 +1,4 @@
-"""A task of your own: fetch a load in mid-flight, carry it to its place, put it down, and come back."""
+"""A custom task: fetch a load in mid-flight, carry it to its place, put it down, and return."""
 
 import numpy as np
 
@@ -8,13 +8,13 @@ from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.tasks.task import length, tolerance
 
 PLACES = np.array([[0.4, 0.0, 0.0], [0.4, 0.5, 0.1], [0.0, 0.0, 0.0]])
-"""Where the load is, where it belongs, and home, from the hover's place [m]."""
+"""Place of the load, its destination, and home, relative to the hover's place [m]."""
 BELOW, SPEED, CLOSE = np.array([0.05, 0.0, -0.1]), 0.2, 0.04
-"""Where the torso holds it [m]; how fast the reference moves [m/s]; how close to a place is there [m]."""
+"""Position of the load in torso axes [m]; speed of the reference [m/s]; distance at which a place is reached [m]."""
 
 
 class Fetch(HoverTask):
-    """Three places, one after the other; the controller is not told what the robot carries."""
+    """Three places in sequence; the controller has no information about the load."""
 
     reward_terms = {"position": (0.6, "1 / (1 + (‖position error‖ / 0.05 m)²)"), "way": (0.4, "places reached / 3")}
     memory = (("at", "f8", (3,)), ("reached", "i4"), ("mass", "f8"))
@@ -22,17 +22,17 @@ class Fetch(HoverTask):
     loads = True
 
     def draw(self, rng):
-        """How heavy the load is."""
+        """Sample the mass of the load [kg]."""
         return {"mass": rng.uniform(0.5, 1.5)}
 
     def reference(self, robots):
-        """The hover's, moved."""
+        """Shift the hover's reference to the moving point."""
         wanted = super().reference(robots)
         wanted["position_w"] += robots.memory["at"]
         return wanted
 
     def advance(self, robots):
-        """Move the reference on; where a place is reached, take the load, or put it down."""
+        """Advance the reference; where a place is reached, take the load or put it down."""
         memory = robots.memory
         way = PLACES[np.minimum(memory["reached"], 2)] - memory["at"]
         memory["at"] += way * np.minimum(1.0, SPEED / 40.0 / np.maximum(length(way), 1e-9))[:, None]
@@ -43,15 +43,15 @@ class Fetch(HoverTask):
         robots.load(there & (memory["reached"] == 2), 0.0)
 
     def observe(self, robots):
-        """What a policy sees besides."""
+        """Return the additional observation."""
         return {"carried": robots.payload}
 
     def terms(self, robots):
-        """Terms of the reward."""
+        """Compute the terms of the reward."""
         return {"position": tolerance(robots.distance, 0.05), "way": robots.memory["reached"] / 3.0}
 
     def succeeded(self, robots):
-        """Who is home again."""
+        """Return whether each robot has returned home."""
         return robots.memory["reached"] == 3
 
 
