@@ -1,4 +1,4 @@
-"""What the tests of learned policies share."""
+"""Fixtures for the tests of learned policies."""
 
 import pytest
 from support.artifacts import flier

@@ -1,4 +1,4 @@
-"""Pins the file of a learned policy: what is written is what is read, and what is refused."""
+"""Pins the file of a learned policy: round trips, and rejection of invalid files."""
 
 import io
 import json
@@ -28,7 +28,7 @@ from spidar_gym.policies.artifact import (
 
 
 def rewritten(path, folder, *, change=lambda meta: None, arrays=None, drop=()):
-    """A copy with other words, other arrays, or fewer parts."""
+    """Write a copy with changed metadata, changed arrays, or fewer parts."""
     copy = folder / "copy.npz"
     with zipfile.ZipFile(path) as old, zipfile.ZipFile(copy, "w") as new:
         for name in old.namelist():
@@ -47,7 +47,7 @@ def rewritten(path, folder, *, change=lambda meta: None, arrays=None, drop=()):
 
 
 def same(a, b):
-    """Whether two artifacts are equal, arrays bit for bit and with their types."""
+    """Return whether two artifacts are equal, with arrays equal bit for bit and of equal types."""
     for part in fields(Artifact):
         x, y = getattr(a, part.name), getattr(b, part.name)
         if part.name in (
@@ -243,7 +243,7 @@ def test_an_artifact_that_lacks_a_word_is_refused(written, tmp_path, key):
 
 
 class Trap:
-    """Bites whoever unpickles it."""
+    """Fails the test when it is unpickled."""
 
     def __reduce__(self):
         return pytest.fail, ("unpickled",)
@@ -255,7 +255,7 @@ def test_no_pickle_in_an_artifact_is_opened(written, tmp_path):
 
 
 def remembering(**options):
-    """A network in torso axes with traces of three entries at two time constants, and a skip matrix."""
+    """Build a network in torso axes with traces of three entries at two time constants, and a skip matrix."""
     size, rng = torso.FEATURES + 6, np.random.default_rng(4)
     return made(
         (size, 7, 40), env_id=HOVER, arguments={"action_mode": "direct"}, output="torso",

@@ -1,4 +1,4 @@
-"""Pins the baselines: found and called as the leaderboard does, each what its docstring says it is."""
+"""Pins the baselines: loaded and called as in the leaderboard, each as described in its docstring."""
 
 import importlib
 import re
@@ -31,31 +31,31 @@ STILL = np.zeros((N_ROTORS, 3))
 
 @pytest.fixture(autouse=True)
 def checkout(monkeypatch):
-    """The baselines are importable, as they are in a checkout."""
+    """Make the baselines importable, as in a checkout."""
     monkeypatch.setattr(sys, "path", [str(ROOT), *sys.path])
     monkeypatch.chdir(ROOT)
 
 
 @pytest.fixture
 def pinv() -> Allocator:
-    """The pseudo-inverse in place of the paper's solver."""
+    """Return the allocator that uses the pseudo-inverse instead of the paper's solver."""
     return importlib.import_module("baselines.pinv").PseudoInverse(find_allocation("paper"))
 
 
 def free(demand):
-    """The same demand with nothing that holds a rotor."""
+    """Return the demand without locked or restricted rotors."""
     none = np.zeros(N_ROTORS, bool)
     return replace(demand, locked=none, restricted=none)
 
 
 def hover(rng, scale=1.0):
-    """A hover in a form of the paper, nothing held."""
+    """Sample a hover demand in a form of the paper, without locked or restricted rotors."""
     demand = demand_of(FORMS[f"form{rng.integers(1, 4)}"], np.eye(3), random_wrench(rng, np.eye(3), hard=False))
     return free(replace(demand, wrench=scale * demand.wrench))
 
 
 def across(demand):
-    """The direction that a held φ keeps each rotor's force out of."""
+    """Return the direction perpendicular to the plane to which a held φ confines each rotor's force."""
     return np.stack([np.zeros(N_ROTORS), np.cos(demand.phi), np.sin(demand.phi)], axis=1)
 
 
@@ -67,7 +67,7 @@ def test_a_baseline_is_where_its_file_says_and_flies_or_crawls_as_its_doc_says(s
     policy = load_policy(spec)
     doc = policy_doc(policy)
     (only,) = re.findall(r"(flights|crawls|courses) only", doc) or [""]
-    # What hovers by feedback flies along a path too.
+    # Policies that hover with feedback also fly along a path.
     flights = [HOVER] if policy_name(policy) == "hold" else [HOVER, PATH]
     where = {"": [*flights, CRAWL], "flights": flights, "crawls": [CRAWL], "courses": [COURSE]}[only]
     assert defined_on(policy) == where
@@ -119,7 +119,7 @@ def test_the_constraint_is_all_that_qp_and_qp_unconstrained_differ_in(monkeypatc
     def both(track):
         return [play_scenario(policy, track, load_scenarios(track)[0][0])["metrics"] for policy in policies]
 
-    # Form ① stacks no rotor over another.
+    # In form ① no rotor is above another.
     on, off = both("flight-paper")
     assert on == off
     on, off = both("flight-narrow")
@@ -141,7 +141,7 @@ def test_the_pseudo_inverse_gives_the_wrench_that_the_qp_gives_where_nothing_hol
         assert answer.wrench == pytest.approx(exact.wrench, abs=1e-2)
         assert answer.status == AllocationStatus.CLOSED_FORM
         assert answer.thrust.max() < ROBOT.max_thrust
-        # It is the least force that does; the QP has other things to look after.
+        # The pseudo-inverse has the least force norm; the QP minimises other terms.
         assert np.linalg.norm(answer.forces_l) <= np.linalg.norm(exact.forces_l) + 1e-6
 
 

@@ -1,4 +1,4 @@
-"""Pins copies of policies: with what they remember, in the middle of an episode, and each by itself."""
+"""Pins copies of policies in the middle of an episode: equal memory, and independence of the original."""
 
 import copy
 import pickle
@@ -21,14 +21,14 @@ WAYS = [copy.deepcopy, lambda policy: pickle.loads(pickle.dumps(policy))]
 
 @pytest.fixture(autouse=True)
 def checkout(monkeypatch):
-    """The baselines are importable, as they are in a checkout."""
+    """Make the baselines importable, as in a checkout."""
     monkeypatch.setattr(sys, "path", [str(ROOT), *sys.path])
     monkeypatch.chdir(ROOT)
 
 
 @cache
 def observations(env_id: str, mode: str | None) -> tuple[np.ndarray, int]:
-    """What is seen in the first moments of an episode, and how long an action is."""
+    """Return the first observations of an episode, and the size of an action."""
     env = gymnasium.make(env_id, **({} if mode is None else {"action_mode": mode}))
     seen = [env.reset(seed=1)[0]]
     rng, size = np.random.default_rng(0), int(np.prod(env.action_space.shape or ()))
@@ -39,7 +39,7 @@ def observations(env_id: str, mode: str | None) -> tuple[np.ndarray, int]:
 
 
 def begun(policy, env_id):
-    """Its observations, where it has acted on the first of them."""
+    """Let a policy act on the first five observations; return all observations."""
     seen, size = observations(env_id, (policy_arguments(policy, env_id) or {}).get("action_mode"))
     if hasattr(policy, "begin"):
         policy.begin(size)
@@ -80,7 +80,7 @@ def test_a_copy_remembers_what_the_policy_has_seen_of_many_robots(spec):
 
 
 def test_some_learned_policies_remember_something():
-    """Without these the tests above would be easier than they look."""
+    """Without memories, the tests above would pass trivially."""
     has_memory = {spec: load_policy(spec).artifact for spec in LEARNED}
     assert any(len(artifact.traced) for artifact in has_memory.values())
     assert any(artifact.washout.any() for artifact in has_memory.values())

@@ -1,4 +1,4 @@
-"""Pins policies on a course: from what they see they go where the rule goes, by its numbers or by learned ones."""
+"""Pins policies on a course: from observations they reproduce the rule, with its parameters or learned ones."""
 
 from dataclasses import replace
 
@@ -54,7 +54,7 @@ def test_it_goes_where_the_rule_goes():
     np.testing.assert_array_equal(policy.act_batch(observation[None])[0], policy.act(observation))
 
 
-# ---- the rule by learned numbers ----
+# ---- the rule with learned parameters ----
 
 WHOLE = Course(
     (Gate("wall", 2.3, 2.5, 0.6), Gate("beam", 6.6, 7.0, 0.6), Gate("slot", 10.1, 10.4, 1.5, 0.3)),
@@ -63,7 +63,7 @@ WHOLE = Course(
 
 
 def says(numbers, env_id=COURSE):
-    """An artifact that says these numbers whatever it sees."""
+    """Build an artifact with these parameters as constant output."""
     size = 193
     return Artifact(
         "numbers", "learned", "Numbers.", env_id, {"action_mode": "waypoint"},

@@ -1,4 +1,4 @@
-"""Pins the baselines of courses: who crawls, who flies, and that the planner's way is the cheapest there is."""
+"""Pins the baselines of courses: where they crawl or fly, and that the planner's sequence is the cheapest."""
 
 import importlib
 import itertools
@@ -20,7 +20,7 @@ BEAM, WALL, SLOT = (Gate(kind, 3.0, 3.3, size) for kind, size in (("beam", 0.6),
 
 @pytest.fixture(autouse=True)
 def checkout(monkeypatch):
-    """The baselines are importable, as they are in a checkout."""
+    """Make the baselines importable, as in a checkout."""
     monkeypatch.setattr(sys, "path", [str(ROOT), *sys.path])
     monkeypatch.chdir(ROOT)
 
@@ -31,7 +31,7 @@ def planner():
 
 
 class Seen(Sight):
-    """What a policy sees, put together by hand: lying, or in the air."""
+    """A constructed observation of a course, on the ground or in the air."""
 
     def __init__(self, course, x=0.0, y=0.0, z=0.15, phase="lie", narrow=0.0, target=None):
         self.course, self.phase, self.target = course, phase, target
@@ -60,7 +60,7 @@ def test_what_is_near_is_crawled_to_and_what_is_far_is_flown_to(planner):
 
 
 def test_no_way_with_one_flight_or_none_is_cheaper(planner):
-    """Against all ways that take off at one station and land at another."""
+    """Compare with all sequences that take off at one station and land at another."""
     course = Course((Gate("beam", 2.0, 2.4, 0.6),), Pose2(6.0))
     stations, way = modes_of(planner, course, planner.LIES)
 

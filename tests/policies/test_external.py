@@ -1,4 +1,4 @@
-"""Pins the external force that policies remember: physics of wind, weight and commands, and each robot by itself."""
+"""Pins the estimated external force: effects of wind, weight and commands, and independence of a vector's robots."""
 
 import gymnasium
 import numpy as np
@@ -10,7 +10,7 @@ from spidar_gym.robot import GRAVITY, ROBOT
 
 
 def felt(seconds=6.0, action=None, **options):
-    """What a robot feels beyond its commands in a hover (ticks, SIZE), and the air's force on it (ticks, 3)."""
+    """Simulate a hover; return the external force's entries (ticks, SIZE) and the true air force (ticks, 3)."""
     env = gymnasium.make("spidar_gym/Hover-v0", forms="form1", perturbation=0.0, preset="tuned", **options)
     observation, _ = env.reset(seed=1)
     force, shown, air = ExternalForce(0.05), [], []
@@ -59,10 +59,10 @@ def test_a_change_of_velocity_is_a_force_of_mass_times_acceleration():
     seen[PLACES["vectoring_command_cosine"]] = 1.0
     force = ExternalForce(0.05)
     force(seen)
-    np.testing.assert_allclose(force(seen)[-9:-6], 0.0, atol=1e-9)  # thrust bears the weight
-    seen[PLACES["velocity_error"]] = [-0.01, 0.0, 0.0]  # it flies forward now
+    np.testing.assert_allclose(force(seen)[-9:-6], 0.0, atol=1e-9)  # thrust balances the weight
+    seen[PLACES["velocity_error"]] = [-0.01, 0.0, 0.0]  # forward velocity
     np.testing.assert_allclose(force(seen)[-9:-6], [0.01 * 40.0 * ROBOT.weight / GRAVITY, 0.0, 0.0], atol=1e-9)
-    seen[PLACES["attitude_error"]] = [0.0, 0.01, 0.0]  # tilted so that its up is not the world's
+    seen[PLACES["attitude_error"]] = [0.0, 0.01, 0.0]  # tilted torso
     np.testing.assert_allclose(force(seen)[-9:-6], [0.01 * ROBOT.weight, 0.0, 0.0], atol=1e-9)
 
 

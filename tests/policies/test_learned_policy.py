@@ -1,4 +1,4 @@
-"""Pins an artifact that acts: as a policy like any other, with its answers washed out."""
+"""Pins artifacts as policies: interface, washout, traces and digest."""
 
 import math
 from dataclasses import replace
@@ -72,7 +72,7 @@ def test_an_artifact_whose_last_layer_is_zero_is_the_controller_itself(tmp_path,
 
 
 def test_a_constant_answer_is_washed_out():
-    """Over one time constant to a part in e; soon after, nothing is left."""
+    """It decays to 1/e within one time constant, and soon after to zero."""
     washout, action = Washout(np.array([0.5, 0.2])), np.array([0.8, -1.0], np.float32)
     found = np.array([washout(action) for _ in range(400)])
     time = np.arange(1, 401)[:, None] / CONTROL_RATE

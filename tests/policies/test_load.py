@@ -1,4 +1,4 @@
-"""Pins where a policy's name leads: zips run nothing without trust, committed artifacts are found from anywhere."""
+"""Pins loading policies by name: zips run no code without --trust, committed artifacts are found from any folder."""
 
 import subprocess
 import sys
@@ -19,7 +19,7 @@ MEMORY = "baselines/learned/memory/seed0.npz"
 
 
 def asked(code: str, *arguments: object) -> str:
-    """What a process of its own prints that asks for a policy and is refused."""
+    """Run a process that loads a policy; return what the process prints about the error."""
     code = f"""
 import sys
 {code}

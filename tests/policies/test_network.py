@@ -1,4 +1,4 @@
-"""Pins the network of a learned policy: its answers, against double precision and torch, and what is none."""
+"""Pins the network of a learned policy: outputs against double precision and torch, and invalid networks."""
 
 import math
 
@@ -10,7 +10,7 @@ from spidar_gym.errors import InvalidValueError, SpidarError
 
 
 def answer(net, observation):
-    """The action in double precision, entry by entry."""
+    """Compute the action in double precision, entry by entry."""
     x = [(o - m) / math.sqrt(v) for o, m, v in zip(observation, net.mean, net.variance, strict=True)]
     x = [max(-net.clip, min(net.clip, entry)) for entry in x]
     for k, (w, b) in enumerate(zip(net.weights, net.biases, strict=True)):
@@ -28,7 +28,7 @@ def test_an_action_is_that_of_the_network_in_double_precision(activation, output
     observations = np.random.default_rng(2).normal(scale=3.0, size=(50, shape[0]))
     found = np.array([net.act(observation) for observation in observations])
     np.testing.assert_allclose(found, [answer(net, o.tolist()) for o in observations], atol=1e-5)
-    # Something is left to compare.
+    # The comparison is not trivial.
     assert np.mean(np.abs(found) < 0.99) > 0.3
     assert np.ptp(found, axis=0).min() > 0.1
 
@@ -56,7 +56,7 @@ def test_an_action_is_that_of_torch(activation, output):
 
 
 def linear(**options):
-    """Shows what enters the network, a tenth of it."""
+    """Build a network whose output is a tenth of its scaled input."""
     known = {"weights": (0.1 * np.eye(3, dtype=np.float32),), "biases": (np.zeros(3, np.float32),)}
     known |= {"mean": np.array([1.0, 2.0, 3.0]), "variance": np.array([4.0, 0.25, 1.0])}
     return made((3, 3), **(known | options))
@@ -66,7 +66,7 @@ def test_observations_are_normalised_and_clipped():
     net = linear(clip=2.0)
     np.testing.assert_allclose(net.act(np.array([3.0, 2.5, 3.5])), [0.1, 0.1, 0.05], atol=1e-7)
     np.testing.assert_allclose(net.act(np.array([-1e6, 3.5, 1.5])), [-0.2, 0.2, -0.15], atol=1e-7)
-    # No other bound than the artifact's own.
+    # The artifact's clip is the only bound.
     np.testing.assert_allclose(linear().act(np.array([13.0, -1.0, 1e9])), [0.6, -0.6, 1.0], atol=1e-7)
 
 

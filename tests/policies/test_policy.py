@@ -1,4 +1,4 @@
-"""Pins what is a policy: how it is found, what it may choose, and that what goes wrong in it is named and placed."""
+"""Pins the interface of policies: loading, arguments, and errors that state policy, track, scenario and tick."""
 
 import contextlib
 import hashlib
@@ -72,7 +72,7 @@ ZERO = np.zeros(6)
 
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
-    """A working folder with modules of policies, of which nothing stays behind."""
+    """Change to a folder with modules of policies; restore `sys.path` and `sys.modules` afterwards."""
     for name, text in {"mine": MODULE, "broken": "def (", "failing": "raise KeyError('data')"}.items():
         (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -83,7 +83,7 @@ def here(tmp_path, monkeypatch):
 
 
 class Does(PresetPolicy):
-    """A policy that answers with what a function gives."""
+    """Policy whose action is the result of a function."""
 
     name = "does"
 
@@ -116,7 +116,7 @@ def swallowing():
         return ZERO
 
 
-# Where policies come from
+# Loading
 
 
 def test_a_class_in_the_working_folder_is_found_and_every_time_made_anew():
@@ -150,7 +150,7 @@ def test_what_is_no_policy_is_refused_in_one_line_that_says_what_is_valid(spec, 
     assert "\n" not in message
 
 
-# What it says of itself
+# Names, kinds and arguments
 
 
 @pytest.mark.parametrize("name", ["mine", "mine_2", "Mine-3"])
@@ -180,7 +180,7 @@ def test_a_policy_that_names_spaces_is_refused_where_there_are_others_and_one_th
     require_spaces(policy, HOVER, env)
     policy.observation_space, policy.action_space = env.observation_space, env.action_space
     require_spaces(policy, HOVER, env)
-    # What a wrapper normalised has the same shape and other bounds.
+    # A normalising wrapper keeps the shape and changes the bounds.
     policy.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, env.observation_space.shape, np.float32)
     with pytest.raises(PolicyError, match=r"policy does learned on .*-inf … inf .* has .*-400 … 400 .*; valid: "):
         require_spaces(policy, HOVER, env)
@@ -252,7 +252,7 @@ def test_a_policy_with_a_path_is_that_file_and_one_without_any_file_has_no_diges
     assert policy_digest(homeless) == ""
 
 
-# Called with care
+# Calls, with errors and time limits
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Pins the rivals: each is the method that it is called after, by an implementation of its own or an invariant."""
+"""Pins the rivals: each implements the method in its name, checked by a second implementation or an invariant."""
 
 import importlib
 import sys
@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(autouse=True)
 def checkout(monkeypatch):
-    """The baselines are importable, as they are in a checkout."""
+    """Make the baselines importable, as in a checkout."""
     monkeypatch.setattr(sys, "path", [str(ROOT), *sys.path])
 
 
@@ -44,7 +44,7 @@ def rival(name):
 
 
 def heavy(rng, count):
-    """Demands of stacked and flat forms, some of which load the joints beyond their limit."""
+    """Sample demands in stacked and flat forms, some with joint torques beyond their limit."""
     found = random_demands(rng, count, hard=True)
     return found + [
         demand_of(FORMS[name], np.eye(3), scale * random_wrench(rng, np.eye(3), hard=False))
@@ -53,7 +53,7 @@ def heavy(rng, count):
     ]
 
 
-# The allocation's neighbours
+# Allocators
 
 
 def test_unlimited_is_the_least_thrust_with_every_other_row():
@@ -94,7 +94,7 @@ def test_scaled_forces_keep_direction_and_the_torques_that_can_be_kept():
         cut += 1
         assert np.abs(answer.joint_torques).max() <= max(limit, over) + 1e-9
         s = answer.thrust.sum() / full.thrust.sum()
-        # None of a thousand others is nearer to the limits, or as near and larger.
+        # No other scale on a fine grid has a smaller excess, or the same excess with more thrust.
         others = np.linspace(0.0, 1.0, 1001)
         slope = full.joint_torques - demand.gravity_torque
         excess = np.maximum(np.abs(demand.gravity_torque + others[:, None] * slope).max(axis=1) - limit, 0.0)
@@ -104,11 +104,11 @@ def test_scaled_forces_keep_direction_and_the_torques_that_can_be_kept():
     assert cut > 3
 
 
-# The laws
+# Control laws
 
 
 def hover(arguments, seconds=12.0, **settings):
-    """Position error of a hover [m], mean over its last second."""
+    """Simulate a hover; return its position error [m], averaged over the last second."""
     env = gymnasium.make(HOVER, forms="form2", horizon_s=seconds, **arguments, **settings, disable_env_checker=True)
     env.reset(seed=3)
     errors = []
@@ -132,7 +132,7 @@ def test_a_law_without_integrals_that_observes_all_of_what_pulls_stands_where_it
     assert config.compensation.observer_order == {"indi": 1, "adrc": 2}[name]
     assert hover(arguments, plant=HEAVY) == pytest.approx([0.0, 0.0, 0.0], abs=1e-3)
     blind = replace(config, compensation=replace(config.compensation, observer_gain=0.0))
-    # 5 % more weight hang on the spring of the position: g/20 over its gain.
+    # Without integrals, 5 % more weight cause a static error of 0.05 / 1.05 g divided by the position gain.
     sag = 0.05 / 1.05 * GRAVITY / config.centroidal.position_gains[2][0]
     assert hover({"controller": blind}, plant=HEAVY)[2] == pytest.approx(sag, rel=0.1)
 
@@ -156,7 +156,7 @@ def test_the_feedback_is_the_optimum_over_the_horizon():
     A, B = mpc.model(0.03, 0.4)
     weights, r = np.array([1.0, 0.02, 0.0, 0.0]), 7.0**-4
     rng = np.random.default_rng(0)
-    # Written out: x after k ticks of n commands, and the least squares of all costs over them.
+    # Reference: the state after k ticks as a linear function of n commands, and least squares over all costs.
     n = 300
     for _ in range(3):
         start = rng.standard_normal(4) * [0.05, 0.1, 1.0, 1.0]
@@ -182,12 +182,12 @@ def test_rotors_that_are_asked_for_the_target_give_what_is_needed(delay):
         a += beta * (reached - a)
         before = u
         errors.append(a - needed[k + 1])
-    # Exact without a delay and with a whole tick; between them it is the mean of two ticks, taken twice.
+    # Exact without a delay and with a delay of one tick; in between, the interpolation is applied twice.
     assert np.abs(errors[20:]).max() < (1e-9 if delay in (0.0, 1.0) else 0.02)
 
 
 def moved(state, axis, x, v):
-    """A state along or about an axis [m, m/s] or [rad, rad/s]."""
+    """Return a state displaced and moving along or about an axis [m, m/s] or [rad, rad/s]."""
     along = np.eye(3)[axis % 3]
     if axis < 3:
         return replace(state, position_w=state.position_w + x * along, velocity_w=v * along)
@@ -195,13 +195,13 @@ def moved(state, axis, x, v):
 
 
 def closed_loop(factor, axis, extra=0.0, seconds=9.0):
-    """Errors of a rigid robot along one axis, whose rotors answer as the margins say and do `factor` times as much."""
+    """Simulate a rigid robot along one axis, with the rotor dynamics of the margins and a loop gain of `factor`."""
     mpc = rival("mpc")
     controller = mpc.arguments(mpc.FOUND)["law"](mpc.BASE)
     state = resting(FORMS["form2"])
     reference = staying(state)
-    steps, lag, late = 20, LAG, DELAY - 0.5 * mpc.DT + extra  # half a tick of the delay is the hold itself
-    x, v, a, errors = 2e-4, 0.0, 0.0, []  # so small that no limit makes a cycle of what grows
+    steps, lag, late = 20, LAG, DELAY - 0.5 * mpc.DT + extra  # half a tick of the delay comes from the zero-order hold
+    x, v, a, errors = 2e-4, 0.0, 0.0, []  # small, so that no saturation turns growth into a limit cycle
     commands = [0.0] * (round(late / mpc.DT * steps) + 1)
     controller.reset(state)
     for _ in range(round(seconds / mpc.DT)):
@@ -231,12 +231,12 @@ def test_the_margins_are_where_the_loop_becomes_unstable(axis):
         assert (errors[-third:].max() < errors[third : 2 * third].max()) == is_stable, (factor, extra)
 
 
-# The walk
+# Walking
 
 
 @pytest.fixture(scope="module")
 def walk():
-    """0.3 m straight on: every tick's mode, allocation, demand, torso's height, feet that swing; the last info."""
+    """Walk 0.3 m ahead; return mode, allocation, demand, torso height and swinging feet of each tick, and `info`."""
     env = gymnasium.make(CRAWL, distance=0.3, **rival("walking").Walking.presets[CRAWL])
     env.reset(seed=0)
     crawler, ticks, done = env.unwrapped.controller, [], False
@@ -267,7 +267,7 @@ def test_a_walk_has_one_foot_in_the_air_which_gives_no_force_and_the_torso_up(wa
         standing = np.delete(forces, leg, axis=0)
         assert (standing[:, 2] > 0.4).all()
         assert (np.abs(standing[:, :2]) <= friction * standing[:, 2:] + 1e-2).all()
-        # Feet and rotors together carry the robot, of which the rotors do their part.
+        # Feet and rotors together produce the demanded wrench.
         weight = np.concatenate((allocation.forces_l.reshape(-1), forces.reshape(-1)))
         assert demand.thrust_map @ weight == pytest.approx(demand.wrench, abs=0.05)
     share = np.mean([tick[1].thrust.sum() for tick in stepping]) / ROBOT.weight
@@ -300,7 +300,7 @@ def test_a_walk_takes_all_commands_or_none():
 # Planning
 
 SWUNG = np.tile([0.5, 0.9, 0.0, 0.5], 4), np.tile([0.5, 0.9, -1.0, 0.9], 4)
-"""Two forms that are free, with a straight way between them on which rotors stand in jets [rad]."""
+"""Two forms without interference; on the straight path between them rotors are in jets [rad]."""
 
 
 def test_a_way_is_bent_around_jets_and_no_joint_is_faster_on_it_than_on_the_straight_one():
@@ -319,7 +319,7 @@ def test_a_way_is_bent_around_jets_and_no_joint_is_faster_on_it_than_on_the_stra
     s = np.linspace(0.0, 1.0, 201)
     rates = np.diff([way.at(x) for x in s], axis=0) / np.diff(s)[:, None]
     assert np.abs(rates).max() <= way.length * (1.0 + 1e-9)
-    # It is free by the controller's own judgement too: nothing is restricted beyond the upright, all the way.
+    # The interference test of the controller confirms that the path avoids jets.
     depth = [planning.overlap(model(), way.at(x), guess, InterferenceConfig())[0] for x in s[::10]]
     direct = [
         planning.overlap(model(), planning.straight(begin, end).at(x), guess, InterferenceConfig())[0] for x in s[::10]

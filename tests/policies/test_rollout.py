@@ -1,4 +1,4 @@
-"""Pins the rollout: the very steps of the environment, when it begins and ends, what a policy is given."""
+"""Pins the rollout: equal steps to the environment, start and end of episodes, and inputs of the policy."""
 
 import gymnasium
 import numpy as np
@@ -9,7 +9,7 @@ from spidar_gym.policies.rollout import columns, rollout
 
 
 class Script(gymnasium.Env):
-    """An environment whose n-th step ends the episode as told; its observation is the number of steps."""
+    """Environment whose episode ends at a given step; the observation is the number of steps."""
 
     action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,))
 
@@ -31,7 +31,7 @@ class Script(gymnasium.Env):
 
 
 class Notes:
-    """A policy that notes what it is told, and spoils what it is given."""
+    """Policy that records seeds and observations, and overwrites the observations."""
 
     def __init__(self):
         self.seeds, self.seen = [], []

@@ -1,4 +1,4 @@
-"""Pins a `direct` policy's torso axes: kinematics, forces commanded as they were said, joints that go to their form."""
+"""Pins torso axes of `direct` policies: kinematics, forces equal to the network's output, joint motion to the form."""
 
 import gymnasium
 import numpy as np
@@ -14,7 +14,7 @@ from spidar_gym.robot import ROBOT
 
 
 def seen(rng, count=20):
-    """Observations of robots in any form, with any last command, the commanded joints behind them."""
+    """Sample observations with random forms and last commands, followed by the commanded joint angles."""
     observation = rng.normal(size=(count, torso.SHOWN))
     observation[:, torso.OBSERVATION :] = rng.uniform(-1.2, 1.2, (count, 16))
     for part in ("vectoring", "vectoring_command"):
@@ -28,7 +28,7 @@ def seen(rng, count=20):
 
 
 def done(action, observation):
-    """Forces in torso axes (count, 8, 3) [N] and joints (count, 16) [rad] of actions; as an environment reads them."""
+    """Convert actions to forces in torso axes (count, 8, 3) [N] and joints (count, 16) [rad], as environments do."""
     thrust = 0.5 * ROBOT.max_thrust * (1.0 + action[:, :8])
     angles = np.pi * action[:, 8:24].reshape(-1, 2, 8).swapaxes(1, 2)
     forces_l = np.array([vectoring_to_force(t, a) for t, a in zip(thrust, angles, strict=True)])
@@ -39,7 +39,7 @@ def done(action, observation):
 
 
 def after(action, observation):
-    """What is seen when these actions were the last ones."""
+    """Return the observations after these actions."""
     observation = observation.copy()
     angles = np.pi * action[:, 8:24].reshape(-1, 2, 8).swapaxes(1, 2).reshape(-1, 16)
     observation[:, torso.entries("vectoring_command_sine")] = np.sin(angles)
@@ -89,7 +89,7 @@ def test_nothing_said_is_an_eighth_of_the_weight_on_every_rotor_and_joints_that_
     forces, joints = done(action, observation)
     np.testing.assert_allclose(forces, np.tile([0.0, 0.0, ROBOT.weight / 8], (20, 8, 1)), atol=1e-6)
     np.testing.assert_allclose(joints, form, atol=1e-9)
-    # The slowest joint takes its way at full speed, and what it takes to speed up and slow down.
+    # The joint with the longest path needs its time at full speed, plus acceleration and deceleration.
     ramp = torso.SPEED / torso.ACCELERATION
     late = round(40.0 * float((np.abs(form - start).max(axis=1) / torso.SPEED + ramp).max())) + 2
     np.testing.assert_allclose(path[late], form, atol=1e-6)
@@ -103,7 +103,7 @@ def test_joints_are_led_off_their_form_by_what_is_said():
     form = observation[:, torso.OBSERVATION :] + observation[:, torso.entries("joint_target_error")]
     said[:, 24:] = np.random.default_rng(11).uniform(-1.0, 1.0, (20, 16))
     first = torso.command(said, observation)
-    for k, row in enumerate(observation):  # each robot by itself, as the controller's own ramp has it
+    for k, row in enumerate(observation):  # each robot separately, with the controller's ramp
         velocity = row[torso.entries("joint_command_velocity")]
         speed = min(torso.SPEED, float(np.abs(velocity).max()) + torso.ACCELERATION / 40.0)
         expected = ramp_joints(
@@ -126,7 +126,7 @@ def test_joints_go_straight_to_their_forms_at_whatever_speed_they_are_let_go(lim
     start, form = (goal.joint_target for goal in env.progress.goals[:2])
     seen, path = joints(observation), []
     for _ in range(500):
-        # Physics has no part in it: only what is commanded is looked at.
+        # Only commands are compared; the physics has no effect.
         action = torso.command(np.zeros(40), seen)
         observation = env.step(action.astype(np.float32))[0]
         observation[torso.entries("joint_target_error")] = form - env.controller.memory.joint_position
@@ -138,7 +138,7 @@ def test_joints_go_straight_to_their_forms_at_whatever_speed_they_are_let_go(lim
     late = np.flatnonzero(np.abs(np.array(path) - form).max(axis=1) < 0.05)[0] / 40.0
     assert late < way / limit + 0.5
     past = (np.array(path) - form) * np.sign(form - start)
-    assert past.max() < 0.01, "none goes past its form"
+    assert past.max() < 0.01, "overshoot"
 
 
 def test_commanded_joints_are_where_they_were_measured_first_then_asked_and_else_as_they_moved():
@@ -169,8 +169,8 @@ def test_what_is_said_again_and_again_is_done_and_at_once_where_phi_may_turn():
         found.append(np.linalg.norm(done(action, observation)[0] - wanted, axis=2))
         observation = after(action, observation)
     assert found[-1].max() < 1e-6
-    # At first it lacks what lies across a plane that has not turned all the way; the smaller the force along φ's axis,
-    # the less it lacks.
+    # Initially the force component perpendicular to the plane of θ is missing until φ has turned; the error is smaller
+    # for a smaller force along the axis of φ.
     assert np.median(found[0] / np.linalg.norm(wanted, axis=2)) < torso.HOLD
     assert (found[1] <= found[0] + 1e-9).all()
 
@@ -232,7 +232,7 @@ def test_a_robot_turned_by_a_quarter_flies_nearly_as_it_did_if_what_it_is_told_i
         said = 0.2 * rng.normal(size=40)
         observations = robots.step(torso.command(np.array([said, torso.SAID_TURN(said)]), seen).astype(np.float32))[0]
     robots.close()
-    # Not exactly: the torso carries a flight controller and a computer beside its axis.
+    # Only approximately: the flight controller and the computer are mounted off the torso's axis.
     for name in ("velocity_error", "attitude_error", "angular_velocity_error"):
         place = torso.KEPT_ENTRIES.tolist().index(torso.entries(name)[0]) + np.arange(3)
         way = np.linalg.norm(shown[1, place] - first[1, place])
