@@ -1,4 +1,4 @@
-"""Tries every client library, each in an environment of its own, for the guide's table: `python -m tests.clients`."""
+"""Tests each client library in a separate Python environment, for the guide's table: `python -m tests.clients`."""
 
 import argparse
 import json
@@ -23,32 +23,32 @@ ROOT = Path(__file__).resolve().parents[2]
 COMMAND = "python -m tests.clients --out docs/results/clients.json"
 HEADING = ["client", "tried with", "outcome", "what was done"]
 LIMIT = 1200.0
-"""When an installation, or the tests of a client, are stopped [s]."""
+"""Time limit of each installation and of each client's tests [s]."""
 VERSIONS = "import sys; from importlib.metadata import version; print(*map(version, sys.argv[1:]))"
 PYTEST = ["-o", "addopts=--strict-markers -q --import-mode=importlib", "-o", "filterwarnings=default"]
-"""Without the checks of pyproject.toml: warnings and types of clients are their own."""
+"""Options of pytest that override pyproject.toml, as clients may raise warnings."""
 
 
 @dataclass(frozen=True)
 class Client:
-    """A library, or a version of one, that takes environments."""
+    """A library, or a version of a library, that uses environments."""
 
     test: str
-    """Its file here, `test_….py`."""
+    """Name of its test file, without `test_` and `.py`."""
     install: tuple[tuple[str, ...], ...]
-    """What pip is asked for, call by call: what comes later goes before what a client pins."""
+    """Requirements of each call of pip; later calls override versions that a client pins."""
     packages: tuple[str, ...]
-    """Packages whose versions are told."""
+    """Packages whose versions are reported."""
     done: str
-    """What its test does."""
+    """Description of its test."""
     glue: str = ""
-    """What comes between the client and the environment, where its own documentation is not enough."""
+    """Adapter between client and environment, if the client's documented use is not sufficient."""
     but: str = ""
-    """What of it does not work, and why."""
+    """What does not work, and why."""
 
     @property
     def works(self) -> str:
-        """The outcome where all of its tests pass."""
+        """Outcome if all tests pass."""
         how = f"glue: {self.glue}" if self.glue else "unchanged"
         return f"{how}; but not {self.but}" if self.but else how
 
@@ -99,7 +99,10 @@ CLIENTS = {
 
 
 def make_environment(folder: Path) -> str:
-    """Its Python: what the environment of this process has is there, too, behind what is installed into it."""
+    """Create a Python environment; return its interpreter.
+
+    The packages of this process are appended to its path, after the packages installed into it.
+    """
     if not folder.exists():
         venv.create(folder, with_pip=True)
         (own,) = folder.glob("lib/python*/site-packages")
@@ -109,13 +112,13 @@ def make_environment(folder: Path) -> str:
 
 
 def last_line(text: str, most: int = 160) -> str:
-    """The last line of what a program said, of at most so many characters."""
+    """Return the last line of a program's output, cut to `most` characters."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return lines[-1][:most] if lines else "it said nothing"
+    return lines[-1][:most] if lines else "no output"
 
 
 def verdict(report: str, works: str) -> str:
-    """What came of a client's tests, from pytest's report in XML: `works` where all is well."""
+    """Summarise a client's tests from pytest's report in XML; `works` if they passed."""
     cases = list(ElementTree.fromstring(report).iter("testcase"))
     for case in cases:
         for what in (*case.findall("failure"), *case.findall("error")):
@@ -125,7 +128,7 @@ def verdict(report: str, works: str) -> str:
 
 
 def attempt(client: Client, folder: Path) -> tuple[str, str]:
-    """Versions that it was tried with, and what came of it."""
+    """Install and test a client; return the tested versions and the outcome."""
     environ = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     python = make_environment(folder)
 
@@ -149,11 +152,11 @@ def attempt(client: Client, folder: Path) -> tuple[str, str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; 1 where a client fails or is not there."""
+    """Entry point; returns 1 if a client fails or cannot be installed."""
     parser = argparse.ArgumentParser(prog="python -m tests.clients", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="CLIENT", help=f"which, all if not given: {', '.join(CLIENTS)}")
-    parser.add_argument("--folder", type=Path, default=ROOT / "out" / "clients", help="where the environments lie")
-    parser.add_argument("--out", type=Path, help="the result, for the table in the guide")
+    parser.add_argument("names", nargs="*", metavar="CLIENT", help=f"clients, all if not given: {', '.join(CLIENTS)}")
+    parser.add_argument("--folder", type=Path, default=ROOT / "out" / "clients", help="folder for the environments")
+    parser.add_argument("--out", type=Path, help="file for the result, from which the guide's table is generated")
     args = parser.parse_args(arguments)
     for name in args.names:
         require_name("client", name, CLIENTS)

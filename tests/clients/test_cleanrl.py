@@ -1,4 +1,4 @@
-"""Pins a learning loop in one file, as CleanRL's are, over Gymnasium's vector interface."""
+"""Pins a single-file training loop in the style of CleanRL, over Gymnasium's vector interface."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ def test_what_the_guide_shows_learns_and_counts_returns_and_successes():
     made = run_shown("cleanrl")
     assert np.isfinite(made["loss"].item())
     assert all(parameter.grad.abs().sum() > 0.0 for parameter in made["actor"].parameters())
-    # 160 ticks of four robots: two episodes each, with the ticks that began anew.
+    # 160 ticks of four robots: two episodes each, with the steps of the resets.
     assert len(made["returns"]) == len(made["successes"]) == 8
     assert all(0.0 < total < STEPS for total in made["returns"])
     envs = made["envs"]

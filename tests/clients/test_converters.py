@@ -1,4 +1,4 @@
-"""Pins Gymnasium's conversions to torch and JAX: every number becomes a tensor and no word is lost, also of vectors."""
+"""Pins Gymnasium's conversions to torch and JAX: every number becomes a tensor and no text is lost, also in vectors."""
 
 from importlib.util import find_spec
 
@@ -16,12 +16,12 @@ JAX = pytest.param("jax", marks=pytest.mark.skipif(find_spec("jax") is None, rea
 
 
 def library(name):
-    """The functions that make its arrays."""
+    """Return the array functions of a library."""
     return __import__("jax.numpy", fromlist=["zeros"]) if name == "jax" else __import__(name)
 
 
 def converted(env, name, kind):
-    """An environment whose arrays are that library's."""
+    """Wrap an environment so that its arrays are those of a library."""
     wrappers = gymnasium.wrappers if kind == "one" else gymnasium.wrappers.vector
     if name == "torch":
         return wrappers.NumpyToTorch(env)
@@ -29,7 +29,7 @@ def converted(env, name, kind):
 
 
 def others(told, kind):
-    """Names of what is told in another type, dictionaries looked into."""
+    """Return the names of all entries of another type, including nested dictionaries."""
     found = []
     for name, value in told.items():
         if isinstance(value, dict):
@@ -40,7 +40,7 @@ def others(told, kind):
 
 
 def numbers(told):
-    """A conversion's info in NumPy."""
+    """Convert `info` back to NumPy."""
     return {name: numbers(value) if isinstance(value, dict) else np.asarray(value) for name, value in told.items()}
 
 
@@ -63,12 +63,12 @@ def test_a_single_environment_tells_numbers_and_all_of_them_are_tensors(env_id, 
 
 
 def assert_tells_the_same(told, known, words):
-    """Numbers are those of the plain environment, and codes are the codes of its words."""
+    """Assert that numbers equal those of the plain environment, and codes those of its texts."""
     for name, value in known.items():
         if isinstance(value, dict):
             assert_tells_the_same(told[name], value, words)
         elif not isinstance(value, str):
-            np.testing.assert_allclose(told[name], value, rtol=1e-6, atol=1e-6, err_msg=name)  # JAX's are of 32 bits
+            np.testing.assert_allclose(told[name], value, rtol=1e-6, atol=1e-6, err_msg=name)  # JAX uses 32 bits
         elif name == "shortfalls":
             bits = int(told["shortfalls_code"])
             assert value == ", ".join(word for k, word in enumerate(words[name]) if bits >> k & 1)
@@ -119,7 +119,7 @@ def test_what_the_guide_shows_is_judged_at_the_end_of_the_episodes():
 
 
 def test_gymnasium_itself_has_no_tensor_for_a_word():
-    """Why `Coded` is: where this fails, Gymnasium has learned it, and the wrapper is needed no longer."""
+    """The reason for `Coded`: if this test fails, Gymnasium supports it, and the wrapper is obsolete."""
     from gymnasium.wrappers.numpy_to_torch import numpy_to_torch
 
     assert numpy_to_torch({"failure": "tilt"})["failure"] != "tilt"
@@ -128,7 +128,7 @@ def test_gymnasium_itself_has_no_tensor_for_a_word():
 
 
 def test_gymnasium_itself_cannot_convert_the_ends_of_its_own_vectors():
-    """Why the table has a but: where this fails, Gymnasium has learned it."""
+    """The reason for the exception in the guide's table: if this test fails, Gymnasium supports it."""
     import torch
 
     own = {"autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP}

@@ -1,4 +1,4 @@
-"""Pins Gymnasium itself as a client: one robot, the native vector, sync and async, each way to go on after an end."""
+"""Pins Gymnasium as a client: one robot, and native, sync and async vectors in each autoreset mode."""
 
 import gymnasium
 import numpy as np
@@ -13,7 +13,7 @@ MODES = list(gymnasium.vector.AutoresetMode)
 
 
 def settings(kind, mode):
-    """Arguments of `make_vec` for a kind of vector that goes on so."""
+    """Return the arguments of `make_vec` for a kind of vector and an autoreset mode."""
     if kind == "native":
         return {"autoreset_mode": mode}
     context = {"context": "spawn"} if kind == "async" else {}
@@ -57,7 +57,7 @@ def test_episodes_go_on_in_each_way_and_are_judged_where_they_end(kind, mode, na
             if mode.value == "Disabled":
                 envs.reset(options={"reset_mask": over})
         truncated.append(bool(over.all()))
-    ends = (3, 8) if mode.value == "NextStep" else (3, 7)  # there the step after an end is the next reset
+    ends = (3, 8) if mode.value == "NextStep" else (3, 7)  # in NextStep, the step after the end is the reset
     assert [k for k, over in enumerate(truncated) if over] == list(ends)
     envs.close()
 

@@ -1,4 +1,4 @@
-"""Pins Minari and d3rlpy as clients: episodes are recorded with all that was told, and learned from offline."""
+"""Pins Minari and d3rlpy as clients: episodes are recorded with all of `info`, and used for offline learning."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def test_what_the_guide_shows_records_episodes_and_learns_from_them(tmp_path, mo
         assert episode.observations.shape == (STEPS + 1, 207)
         assert np.isfinite(episode.rewards).all()
         assert episode.truncations.tolist() == [False] * (STEPS - 1) + [True]
-        # What was told at the reset comes first.
+        # The `info` of the reset comes first.
         assert not episode.infos["is_success"][0]
         assert_judged_at_the_end(episode.infos["is_success"][1:].tolist())
         assert {bytes(word) for word in episode.infos["failure"]} == {b""}

@@ -23,7 +23,7 @@ def test_what_the_guide_shows_trains_evaluates_and_searches(tmp_path):
     found = np.load(tmp_path / "logs" / "ppo" / "spidar_gym-Hover-v0_1" / "evaluations.npz")
     assert found["ep_lengths"].tolist() == [[STEPS] * 2] * len(found["timesteps"])
     assert len(found["timesteps"]) >= 1
-    # An evaluation has no noise: it is all but the controller's own flight.
+    # An evaluation has no noise, so it nearly equals a flight of the controller.
     assert found["successes"].all()
     assert np.isfinite(found["results"]).all()
     assert "Number of finished trials:  2" in done.stdout

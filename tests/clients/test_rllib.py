@@ -13,7 +13,7 @@ def test_what_the_guide_shows_learns_and_its_episodes_are_judged_at_their_end():
     assert (result["episode_len_min"], result["episode_len_max"]) == (STEPS, STEPS)
     assert result["num_episodes"] == 4
     assert 0.0 < result["episode_return_mean"] < STEPS
-    envs = algorithm.env_runner.env  # infos of each in a list
+    envs = algorithm.env_runner.env  # its infos are lists
     envs.reset(seed=0)
     steps = [envs.step(np.zeros(envs.action_space.shape, np.float32)) for _ in range(STEPS)]
     assert_judged_at_the_end([infos[0]["is_success"] for *_, infos in steps])

@@ -1,4 +1,4 @@
-"""Pins sb3-contrib as a client: an algorithm with a buffer learns by id, and knows which episodes were a success."""
+"""Pins sb3-contrib as a client: an algorithm with a buffer learns by id, and records successes of episodes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Pins sbx as a client: Stable-Baselines3 in JAX learns by id, and knows which episodes were a success."""
+"""Pins sbx as a client: Stable-Baselines3 in JAX learns by id, and records successes of episodes."""
 
 import numpy as np
 import pytest

@@ -9,7 +9,7 @@ pytestmark = [*needs("skrl", "torch"), pytest.mark.train]
 def test_what_the_guide_shows_learns_and_its_episodes_are_judged_at_their_end(tmp_path, monkeypatch):
     import torch
 
-    monkeypatch.chdir(tmp_path)  # where it keeps its logs
+    monkeypatch.chdir(tmp_path)  # skrl writes its logs to the working folder
     made = run_shown("skrl")
     agent, env = made["agent"], made["env"]
     before = {name: value.clone() for name, value in agent.policy.state_dict().items()}
@@ -20,7 +20,7 @@ def test_what_the_guide_shows_learns_and_its_episodes_are_judged_at_their_end(tm
     assert bool(((rewards >= 0.0) & (rewards < 1.0)).all())
     envs = env.unwrapped
     envs.reset(seed=0)
-    env._reset_once = False  # it begins anew by itself only once
+    env._reset_once = False  # keeps the wrapper from resetting again
     steps = [env.step(torch.zeros(2, 6)) for _ in range(STEPS)]
     assert steps[-1][3].all()
     for k in range(2):

@@ -1,4 +1,4 @@
-"""Pins Stable-Baselines3 as a client: it learns by id, and knows which episodes were a success."""
+"""Pins Stable-Baselines3 as a client: it learns by id, and records successes of episodes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Pins Tianshou as a client: PPO on its own vector, whose buffer keeps every word and number of `info`."""
+"""Pins Tianshou as a client: PPO on its own vector, whose buffer stores every text and number of `info`."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Pins TorchRL as a client: one robot by id, its own vectors, and the engine's with all that it tells as tensors."""
+"""Pins TorchRL as a client: one robot by id, its own vectors, and the engine's with all of `info` as tensors."""
 
 import pytest
 from support.clients import STEPS, assert_judged_at_the_end, needs, run_shown
@@ -33,7 +33,7 @@ def test_what_the_guide_shows_collects_episodes_that_end_where_they_are_told_to(
 
 
 def test_torchrl_itself_takes_no_words_of_gymnasiums_own_vectors():
-    """Why the table has a but: where this fails, TorchRL has learned it."""
+    """The reason for the exception in the guide's table: if this test fails, TorchRL supports it."""
     import gymnasium
     from torchrl.envs import GymWrapper
 
