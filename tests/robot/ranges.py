@@ -1,4 +1,4 @@
-"""Measures how large, small, heavy and far away robots may be: `python -m tests.robot.ranges --out FILE`."""
+"""Measures for which lengths, masses and inertias robots are simulated accurately: `python -m tests.robot.ranges`."""
 
 import argparse
 import os
@@ -36,35 +36,35 @@ NOTE = (
     "the angular momentum stays to 1e-3. Rotors are made as strong as a robot needs."
 )
 SECONDS = 1.0
-"""How long a robot falls, spinning, without a motor [s]."""
+"""Duration of the fall, spinning and without motors [s]."""
 APART, FALL, SPIN = 1e-9, 1e-4, 1e-3
-"""At most between MuJoCo's and Pinocchio's mass matrices, of the largest entry; of the speed that the fall gives its
-centre of mass; and of its angular momentum, which nothing changes."""
+"""Largest relative errors: between the mass matrices of MuJoCo and Pinocchio, over the largest entry; of the velocity
+that the centre of mass gains in the fall; and of the angular momentum, which is constant."""
 DECADES = 20
-"""How far from 1 numbers are tried, on either side."""
+"""Decades below and above 1 that are tried."""
 
 
 @contextmanager
 def any_size() -> Iterator[None]:
-    """Ranges are not asked."""
+    """Disable the validation of ranges."""
     with patch.object(Range, "require", lambda *_args, **_options: None):
         yield
 
 
 def lifted(make: Callable[[float], RobotSpec]) -> RobotSpec:
-    """A robot whose rotors are as strong as it needs: `make` takes their largest thrust [N]."""
+    """Build a robot with rotors of sufficient thrust; `make` takes the largest thrust of a rotor [N]."""
     with any_size():
         needed = 2.0 * make(1e290).hover_thrust
     return make(max(ROBOT.max_thrust, needed))
 
 
 def loaded(body: str, **payload: Any) -> RobotSpec:
-    """A robot with a payload."""
+    """Build a robot with a payload."""
     return lifted(lambda thrust: RobotSpec(max_thrust=thrust, payloads=(Payload(body, **payload),)))
 
 
 def larger(scale: float) -> RobotSpec:
-    """A robot with all lengths and places so many times as large."""
+    """Build a robot with all lengths and positions multiplied by a factor."""
     lengths = [
         f.name for f in fields(RobotSpec) if f.name not in (*MECHANICAL, "described_mass", "part_masses", "payloads")
     ]
@@ -77,7 +77,7 @@ def larger(scale: float) -> RobotSpec:
 
 
 def heavier(mass: float) -> RobotSpec:
-    """A robot of another described mass, whose motors idle and lift as it needs."""
+    """Build a robot of another described mass, with zero idle thrust and sufficient thrust."""
     return lifted(lambda thrust: RobotSpec(described_mass=mass, max_thrust=thrust, idle_thrust=0.0))
 
 
@@ -106,15 +106,15 @@ CHANGES: dict[str, tuple[Callable[[float], RobotSpec], Range]] = {
         lambda i: loaded("link8", mass=0.2, inertia=(i, i, i, 0.0, 0.0, 0.0)), INERTIAS,
     ),
 }  # fmt: skip
-"""What is changed → robot by value, and the range that is accepted."""
+"""Changed quantity → robot as a function of its value, and the accepted range."""
 
 
 def is_well_simulated(robot: RobotSpec) -> bool:
-    """Whether two engines agree on it, and it falls and spins as it has to.
+    """Return whether two engines agree on a robot, and whether it conserves momentum in a fall.
 
-    MuJoCo and Pinocchio compute its mass matrix in twenty poses; then it falls for a second in MuJoCo, at the step of
-    the environments, turning, with moving joints and without motors and contacts: its centre of mass moves as Newton
-    says, and its angular momentum stays.
+    MuJoCo and Pinocchio compute the mass matrix in twenty poses. Then the robot falls for a second in MuJoCo, at the
+    time step of the environments, spinning, with moving joints and without motors and contacts. Its centre of mass must
+    accelerate with g, and its angular momentum must stay constant.
     """
     try:
         model = mujoco.MjModel.from_xml_string(mjcf(robot))
@@ -128,9 +128,10 @@ def is_well_simulated(robot: RobotSpec) -> bool:
 
 
 def _apart(model: mujoco.MjModel, other: pin.Model) -> float:
-    """Largest difference of the two mass matrices, of the largest entry.
+    """Compute the largest difference of the two mass matrices, relative to the largest entry.
 
-    Of the joints only: the six rows of the torso are in other axes, and the joints' hold all that moves with them.
+    Only the joints' rows are compared: the engines use different axes for the torso's six rows, and the joints' rows
+    contain the inertia of all bodies that move with the joints.
     """
     data, work, rng = mujoco.MjData(model), other.createData(), np.random.default_rng(0)
     names = [model.joint(i).name for i in range(1, model.njnt)]
@@ -152,7 +153,7 @@ def _apart(model: mujoco.MjModel, other: pin.Model) -> float:
 
 
 def _drifts(model: mujoco.MjModel) -> tuple[float, float]:
-    """Relative errors of the velocity of the centre of mass and of the angular momentum, after a fall."""
+    """Compute the relative errors of the centre of mass's velocity and of the angular momentum after a fall."""
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION | mujoco.mjtDisableBit.mjDSBL_CONTACT
     data, torso = mujoco.MjData(model), model.body("torso").id
     data.qpos[2], data.qvel[3:6] = 10.0, (0.5, 0.3, 0.4)
@@ -176,7 +177,7 @@ def _drifts(model: mujoco.MjModel) -> tuple[float, float]:
 
 
 def well(change: str, value: float) -> bool:
-    """Whether a robot changed so far is one, and is simulated well."""
+    """Return whether the changed robot is valid and simulated accurately."""
     try:
         with any_size():
             return is_well_simulated(CHANGES[change][0](value))
@@ -185,10 +186,10 @@ def well(change: str, value: float) -> bool:
 
 
 def measure(change: str) -> list[str]:
-    """The line of the table: the decades around the accepted range that are simulated well."""
+    """Compute a row of the table: the decades that are simulated accurately, and the accepted range."""
     sys.stderr.flush()
     with open(os.devnull, "w", encoding="utf-8") as nothing:
-        os.dup2(nothing.fileno(), 2)  # MuJoCo warns of every robot that it cannot follow
+        os.dup2(nothing.fileno(), 2)  # MuJoCo warns about every robot that it cannot simulate
     least, most = (
         next((k for k in range(0, step * DECADES, step) if not well(change, 10.0 ** (k + step))), step * DECADES)
         for step in (-1, 1)
@@ -200,7 +201,7 @@ def measure(change: str) -> list[str]:
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(prog="python -m tests.robot.ranges", description=__doc__)
-    parser.add_argument("--out", type=Path, help="write the table there, as docs/results has it")
+    parser.add_argument("--out", type=Path, help="file for the table, as in docs/results")
     out = parser.parse_args().out
     with Pool(cpu_count()) as pool:
         lines = [HEADING, *pool.map(measure, list(CHANGES))]

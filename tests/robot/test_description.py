@@ -25,7 +25,7 @@ URDF = description.assets_dir() / "urdf" / "spidar.urdf"
 
 
 class Mujoco:
-    """Numbers of one configuration from MuJoCo; velocities in torso axes, joints in the order of `JOINTS`."""
+    """Quantities of one configuration from MuJoCo; velocities in torso axes, joints in the order of `JOINTS`."""
 
     def __init__(self, xml: str):
         self.model = mujoco.MjModel.from_xml_string(xml)
@@ -46,7 +46,7 @@ class Mujoco:
     def inertia(self):
         M = np.zeros((self.model.nv, self.model.nv))
         mujoco.mj_fullM(self.model, self.data, M)
-        # The free joint's linear velocity is the world's: turn it to torso axes.
+        # The free joint's linear velocity is in world axes: rotate it to torso axes.
         T = np.eye(self.model.nv)
         T[:3, :3] = self.data.body("torso").xmat.reshape(3, 3)
         return (T.T @ M @ T)[np.ix_(self.dofs, self.dofs)] - np.diag(self.armature)
@@ -57,7 +57,7 @@ class Mujoco:
 
 
 class Pinocchio:
-    """The same numbers from Pinocchio."""
+    """Quantities of one configuration from Pinocchio."""
 
     def __init__(self, model, kind):
         self.model, self.data, self.kind = model, model.createData(), kind

@@ -1,4 +1,4 @@
-"""Holds mass distributions to mass points: a stretched part, and a rod of which the answer is known."""
+"""Pins mass distributions against mass points: a stretched part, and a rod with a known inertia."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from spidar_gym.robot.spec import PARTS
 
 
 def points_of(part: Inertial):
-    """Six points on its principal axes with its mass, centre and inertia: masses (6,), places (6, 3)."""
+    """Return six points on a part's principal axes with its mass, centre and inertia: masses (6,), positions (6, 3)."""
     moments, axes = np.linalg.eigh(0.5 * np.trace(part.matrix) * np.eye(3) - part.matrix)
     arms = axes * np.sqrt(3.0 * np.maximum(moments, 0.0) / part.mass)
     return np.full(6, part.mass / 6.0), np.array(part.com) + np.concatenate((arms.T, -arms.T))

@@ -1,4 +1,4 @@
-"""Pins payloads: merged into the body that carries them, drawn there, touching nothing, refused where they are none."""
+"""Pins payloads: merged inertia, visual geometry without contacts, and rejection of invalid payloads."""
 
 import mujoco
 import numpy as np

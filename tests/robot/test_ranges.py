@@ -1,4 +1,4 @@
-"""Holds the ranges of lengths, masses and moments of inertia to what two engines and Newton say at their ends."""
+"""Pins the ranges of lengths, masses and inertias: simulated accurately at their ends by two engines."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from spidar_gym.sim.randomize import Randomization
 from tests.robot.ranges import CHANGES, any_size, is_well_simulated, well
 
 
-@pytest.mark.filterwarnings("ignore")  # MuJoCo warns of robots that it cannot follow
+@pytest.mark.filterwarnings("ignore")  # MuJoCo warns about robots that it cannot simulate
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_robot_at_either_end_of_a_range_is_simulated_well_and_one_beyond_it_is_refused(change):
     make, accepted = CHANGES[change]

@@ -1,4 +1,4 @@
-"""Pins the robot's numbers: mass, span, the lumps of the measured robot, physically possible inertias, names, forms."""
+"""Pins the robot's numbers: mass, span, bodies of the measured robot, physically possible inertias, names, forms."""
 
 import math
 import re
@@ -13,7 +13,7 @@ from spidar_gym.robot.spec import PARTS, ROBOT, RobotSpec, spec_rows
 from spidar_gym.so3 import rotation_x
 
 AS_MEASURED = RobotSpec(described_mass=15.2108)
-"""The robot at the mass that its parts add up to."""
+"""The robot with the total mass of its parts."""
 
 # body: mass [kg], CoG [mm], inertia xx yy zz xy xz yz [kg mm²], number of parts; computed by Pinocchio from the lab's
 # description. The fans' two marker links of 0.01 g each are not counted in the pitch module.
@@ -56,7 +56,7 @@ def test_each_body_at_the_measured_mass_is_the_lump_of_the_labs_robot(name):
     body = AS_MEASURED.bodies[name]
     assert abs(body.mass - mass) < 2e-5
     np.testing.assert_allclose(1e3 * np.array(body.com), com, rtol=0, atol=0.01)
-    # Both tables are rounded to 1 kg mm²: half a unit for the lump and half a unit for each of its parts.
+    # Both tables are rounded to 1 kg mm²: the tolerance is half a unit for the body and for each of its parts.
     np.testing.assert_allclose(1e6 * np.array(body.inertia), inertia, rtol=0, atol=0.5 * (1 + parts))
 
 
@@ -78,7 +78,7 @@ def test_every_inertia_belongs_to_a_real_mass_distribution(name, part):
 
 
 def test_merging_is_the_sum_over_the_mass_points_of_the_parts():
-    """Six points on its principal axes carry a part's mass, CoG and inertia: the merged body is all of them."""
+    """Six mass points replace each part with equal mass, CoG and inertia; the merged body consists of all points."""
 
     def points(part: Inertial) -> tuple[np.ndarray, np.ndarray]:
         principal, axes = np.linalg.eigh(part.matrix)

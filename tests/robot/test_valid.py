@@ -1,4 +1,4 @@
-"""Pins which numbers make a robot: what may be changed and how heavy it is then, what may not, files and mappings."""
+"""Pins valid robots: allowed changes and resulting masses, rejected changes, robots from files and mappings."""
 
 import copy
 import pickle
@@ -13,7 +13,7 @@ from spidar_gym.robot.payload import Payload
 from spidar_gym.robot.spec import PARTS
 
 DENSITY = 16.0 / 15.2108
-"""Of the parts, to the described mass; their sum is rounded."""
+"""Ratio of the described mass to the sum of the parts' masses, which is rounded."""
 
 
 def test_longer_links_are_heavier_by_their_length():
