@@ -17,7 +17,7 @@ LEVEL = np.zeros((8, 2))
 
 
 class Engine:
-    """MuJoCo with the torso at the origin and its axes along the world's: the independent source of every number."""
+    """MuJoCo as independent reference, with the torso at the origin and aligned with the world axes."""
 
     def __init__(self):
         self.model = mujoco.MjModel.from_xml_path(str(mjcf_path()))
@@ -49,14 +49,14 @@ def engine():
 
 
 def configurations(seed: int, count: int = 5):
-    """Joint angles, attitude, vectoring angles."""
+    """Sample joint angles, attitude and vectoring angles."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
         yield rng.uniform(-1.5, 1.5, 16), exp(rng.normal(size=3)), rng.uniform(-3.0, 3.0, (8, 2))
 
 
 def gradient(function, q, h=1e-5):
-    """Central differences, the joint as the last axis."""
+    """Compute central differences, with the joint as last axis."""
     return np.stack([(function(q + h * e) - function(q - h * e)) / (2 * h) for e in np.eye(16)], axis=-1)
 
 
@@ -65,7 +65,7 @@ def close(actual, desired, *, atol=1e-9):
 
 
 def upright(model, form):
-    """Snapshot of a form with all rotors upright."""
+    """Return the snapshot of a form with all rotors upright."""
     nominal = nominal_vectoring(model.snapshot(FORMS[form], np.eye(3), LEVEL).R_bl, LEVEL)
     return model.snapshot(FORMS[form], np.eye(3), nominal)
 
@@ -236,7 +236,7 @@ def test_positive_pitch_lowers_and_positive_yaw_turns_the_leg_to_the_left(model)
 def test_forms_have_the_labs_centre_of_mass_and_inertia(model, form, height, inertia):
     snapshot = upright(model, form)
     assert abs(snapshot.com_b[2] - height) < 1e-3
-    # The lab's numbers are those of the 15.21 kg that the parts add up to.
+    # The lab's numbers refer to the 15.21 kg of the summed parts.
     close(np.diag(snapshot.inertia_c) * 15.2108 / 16.0, inertia, atol=0.01)
 
 

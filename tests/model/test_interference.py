@@ -40,7 +40,7 @@ def pitched(inner_deg, outer_deg):
 
 
 def upright(model, q):
-    """Snapshot with all rotors upright, and (φ̂, θ̂)."""
+    """Return the snapshot with all rotors upright, and (φ̂, θ̂)."""
     nominal = nominal_vectoring(model.snapshot(q, np.eye(3), LEVEL).R_bl, LEVEL)
     return model.snapshot(q, np.eye(3), nominal), nominal
 
@@ -51,7 +51,7 @@ def from_rest(model, q):
 
 @pytest.fixture
 def pair(model):
-    """Makes a snapshot of level links, far apart, with rotor 2 at an offset from rotor 1, the torso high above."""
+    """Return a function: offset of rotor 2 from rotor 1 → snapshot of level, distant links, the torso high above."""
     snapshot, _ = upright(model, FORMS["form1"])
 
     def make(*offset):
@@ -64,7 +64,7 @@ def pair(model):
 
 
 def overlap(psi, x, z, radius, target_radius):
-    """Depth by which a jet at tilt ψ, a strip of half-width `radius`, covers the near end of a level disc seen edge-on.
+    """Compute the depth by which a jet at tilt ψ, a strip of half-width `radius`, covers the near end of a level disc.
 
     In the plane of the rotor's x and z axis, the jet starting at its origin; negative where it passes by.
     """
@@ -104,7 +104,7 @@ def test_form_3_forbids_the_labs_interval(model):
 
 
 def test_forbidden_interval_is_where_a_swept_jet_meets_the_target():
-    """An edge at distance l is met asin(r / l) beside its direction; the lab's atan is at most (r / l)³ / 2 less."""
+    """A jet meets an edge at distance l at asin(r / l) from its direction; the lab's atan is ≤ (r / l)³ / 2 smaller."""
     rng = np.random.default_rng(1)
     psi = np.linspace(-QUARTER, QUARTER, 60001)
     for _ in range(40):

@@ -1,4 +1,4 @@
-"""Holds robots of one's own to two engines: what MuJoCo and Pinocchio compute of them from one text is the same."""
+"""Pins custom robots: MuJoCo and Pinocchio compute equal quantities from the same MJCF."""
 
 import mujoco
 import numpy as np
@@ -16,7 +16,7 @@ SITES = ROTOR_SITES + CONTACT_SITES
 
 
 class Both:
-    """A robot in both engines, in the same state; velocities in torso axes, joints in the order of `JOINTS`."""
+    """A robot in both engines in the same state; velocities in torso axes, joints in the order of `JOINTS`."""
 
     def __init__(self, robot):
         self.mj = mujoco.MjModel.from_xml_string(mjcf(robot))
@@ -32,7 +32,7 @@ class Both:
         quat = rng.normal(size=4)
         quat /= np.linalg.norm(quat)
         position, angles = rng.uniform(-2.0, 2.0, 3), np.append(rng.uniform(-1.5, 1.5, 16), rng.uniform(-3.0, 3.0, 16))
-        self.v = rng.normal(size=38)  # of the torso's origin and the torso, its own axes, then the joints
+        self.v = rng.normal(size=38)  # linear and angular velocity of the torso in its axes, then the joints
         self.R = quat_to_matrix(quat)
         self.data.qpos[:7] = [*position, *quat]
         self.q = pin.neutral(self.pin)
@@ -47,7 +47,7 @@ class Both:
         mujoco.mj_forward(self.mj, self.data)
 
     def turned(self, rows):
-        """MuJoCo's forces or rows of a map, whose first three are along the world's axes, along the torso's."""
+        """Rotate the first three rows of MuJoCo's forces or maps from world axes to torso axes."""
         rows = rows[self.mj_dofs].copy()
         rows[:3] = self.R.T @ rows[:3]
         return rows
@@ -62,7 +62,7 @@ class Both:
         return one, two[np.ix_(self.pin_dofs, self.pin_dofs)]
 
     def biases(self):
-        # What is no acceleration along the torso's axes is one along the world's: R (ω × v).
+        # A constant velocity in torso axes is an acceleration in world axes: R (ω × v).
         rest = np.zeros(self.mj.nv)
         rest[:3] = self.R @ np.cross(self.v[3:6], self.v[:3])
         more = np.zeros(self.mj.nv)
@@ -71,7 +71,7 @@ class Both:
         return self.turned(self.data.qfrc_bias + more), two[self.pin_dofs]
 
     def sites(self):
-        """Places and Jacobians of rotors, feet and pegs, one under the other."""
+        """Return the stacked positions and Jacobians of rotors, feet and pegs."""
         pin.computeJointJacobians(self.pin, self.work, self.q)
         pin.updateFramePlacements(self.pin, self.work)
         one, two = [], []

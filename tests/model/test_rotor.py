@@ -42,14 +42,14 @@ def direction(phi, theta):
 
 
 def force_to_vectoring(forces_l, present):
-    """(φ, θ) of eight forces, none of them locked."""
+    """Compute (φ, θ) of eight forces without locked rotors."""
     return np.array(
         [force_to_angles(f, *angles) for f, angles in zip(forces_l.tolist(), present.tolist(), strict=True)]
     )
 
 
 def upright(model, q, present=LEVEL):
-    """Snapshot with all rotors upright, and (φ̂, θ̂)."""
+    """Return the snapshot with all rotors upright, and (φ̂, θ̂)."""
     nominal = nominal_vectoring(model.snapshot(q, np.eye(3), LEVEL).R_bl, present)
     return model.snapshot(q, np.eye(3), nominal), nominal
 
@@ -59,7 +59,7 @@ def pitched(inner_deg, outer_deg):
 
 
 def ticks(model, q, lock, restricted, count):
-    """The lock after `count` ticks at one configuration."""
+    """Return the lock after `count` ticks at one configuration."""
     snapshot, nominal = upright(model, q)
     for _ in range(count):
         lock = update_lock(lock, restricted, nominal, snapshot, lock.phi, config=CONFIG)
@@ -67,7 +67,7 @@ def ticks(model, q, lock, restricted, count):
 
 
 def in_one_plane(phi, other):
-    """Angle between the planes that θ sweeps at two values of φ."""
+    """Compute the angle between the planes that θ sweeps at two values of φ."""
     return np.abs((phi - other + math.pi / 2) % math.pi - math.pi / 2)
 
 
@@ -84,7 +84,7 @@ def test_angles_survive_the_way_over_a_force_and_back():
     rng = np.random.default_rng(2)
     angles = rng.uniform(-10.0, 10.0, (200, 8, 2))
     for present in angles:
-        # Where the force lies along the rod φ is undefined: stay 0.05 rad away from there.
+        # φ is undefined for forces along the rod: stay 0.05 rad away from it.
         present[:, 1] += np.where(np.abs(np.cos(present[:, 1])) < 0.05, 0.1, 0.0)
         close(force_to_vectoring(vectoring_to_force(np.full(8, 19.6), present), present), present, atol=1e-9)
 
@@ -284,7 +284,7 @@ def test_legs_are_locked_as_mirror_images_on_the_way_through_the_papers_forms(mo
             q = (1.0 - share) * FORMS[name] + share * FORMS[target]
             snapshot, angles = upright(model, q, angles)
             lock = update_lock(lock, restricted, angles, snapshot, lock.phi, config=CONFIG)
-            # The tangents are those about the CoG, which the computer pulls off the torso's axis.
+            # The tangents are relative to the CoG, which the computer shifts off the torso's axis.
             radius = np.hypot(*snapshot.rotor_c[:, :2].T).min()
             uneven = 2.0 * math.asin(math.hypot(*snapshot.com_b[:2]) / radius)
             legs = lock.phi.reshape(4, 2)
@@ -296,7 +296,7 @@ def test_legs_are_locked_as_mirror_images_on_the_way_through_the_papers_forms(mo
 
 
 def test_yaw_torque_remains_with_the_inner_rotors_restricted_and_the_outer_links_vertical(model):
-    """Every force is confined to its held plane; the wrenches that are left still span all six directions."""
+    """Every force is confined to its held plane; the remaining wrenches still span all six directions."""
     lock = ticks(model, FORMS["form2"], FREE, ~OUTER, 100)
     assert lock.active.all()
     snapshot, _ = upright(model, FORMS["form2"])
