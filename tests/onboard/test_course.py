@@ -1,4 +1,4 @@
-"""Pins courses: the manager's very bytes, orders while it runs, what every fault leads to in each phase, refusals."""
+"""Pins courses: the manager's exact bytes, orders during a run, reactions to faults in each phase, refusals."""
 
 import re
 from contextlib import closing
@@ -59,11 +59,11 @@ FRONT = "course tuned robust\n"
 
 
 HURDLE = Course((Gate("wall", 2.3, 2.5, 0.5),), Pose2(4.1, 0.05, 0.1))
-"""A course by a map, as short as one is."""
+"""A short course by a map."""
 
 
 def phases(outputs):
-    """Phases in their order while the runner drove."""
+    """Return the sequence of phases while the runner drove."""
     names = [PHASES[k] for k in outputs["manager_phase"][outputs["stage"] == DRIVING]]
     return [p for k, p in enumerate(names) if k == 0 or names[k - 1] != p]
 
@@ -72,7 +72,7 @@ def phases(outputs):
 
 
 def check_manager(mission, log, interrupts=()):
-    """The core's manager, told the same, commands the very bytes that the runner sent."""
+    """Check that the core's manager, with the same inputs, commands exactly the bytes that the runner sent."""
     outputs = log.outputs
     driving = np.flatnonzero(outputs["stage"] == DRIVING)
     manager, interrupts = CoreManager(manager_config(mission)), list(interrupts)
@@ -141,7 +141,7 @@ def test_by_a_map_it_flies_over_the_wall_and_lies_at_the_goal_in_the_end(hurdle)
 
 
 def by_map(library, course, ticks):
-    """A loop that goes by a map where the robot of another drive is, some ticks after the take-over."""
+    """Return a loop that drives by a map, some ticks after the take-over, with the inputs of another drive."""
     mission = read_mission(library, map_mission(HURDLE).text)
     assert not isinstance(mission, str), mission
     loop = Loop(library, mission)
@@ -162,7 +162,7 @@ def test_the_map_decides_twice_a_second_and_from_the_first_tick(library, course)
     assert left == [19 - k % 20 for k in range(41)]
 
 
-def test_whoever_gives_orders_takes_the_course_from_the_map(library, course):
+def test_accepted_orders_replace_the_map(library, course):
     loop, inputs = by_map(library, course, 10)
     other = loop.copy()
     out, reason = told(other, inputs[0], "now\nland\nland")
@@ -173,7 +173,7 @@ def test_whoever_gives_orders_takes_the_course_from_the_map(library, course):
     assert PHASES[loop.record["manager"]["memory"]["phase"]] == "lie"
 
 
-def test_a_fault_that_ends_a_course_ends_the_maps_say(library, course):
+def test_a_fault_that_ends_a_course_ends_the_map_too(library, course):
     loop, inputs = by_map(library, course, 10)
     out = loop.run(spoilt(inputs[:80], low))
     assert RESTING in out["stage"]
@@ -204,7 +204,7 @@ def test_it_is_interrupted_as_the_manager_is(library, runner, folder, commands, 
 
 
 def told(loop, record, text):
-    """The loop's answer where a tick comes with orders."""
+    """Run a tick with orders; return the loop's answer and reason."""
     record = record.copy()
     data = text if isinstance(text, bytes) else text.encode()
     record["orders"][: len(data)] = list(data)
@@ -213,7 +213,7 @@ def told(loop, record, text):
 
 
 def at_phase(library, course, name, ticks=4):
-    """A loop some ticks into a phase, and what comes in then."""
+    """Return a loop some ticks into a phase, and the inputs that follow."""
     outputs = course.played.outputs
     inside = (outputs["manager_phase"] == PHASES.index(name)) & (outputs["stage"] == DRIVING)
     first = int(np.argmax(inside)) + ticks
@@ -338,7 +338,7 @@ def test_outside_its_fence_it_lands_there(library, course):
 
 
 @pytest.mark.parametrize("phase", EVERY)
-def test_where_it_sees_no_more_the_floor_has_it_rest_and_in_the_air_the_board_lands(library, course, phase):
+def test_without_a_valid_state_it_rests_on_the_floor_and_the_board_lands_it_in_the_air(library, course, phase):
     loop, inputs = at_phase(library, course, phase)
     before = loop.copy()(inputs[0])["command"]
     out = loop.run(spoilt(inputs[:60], nan_pose))
@@ -370,7 +370,7 @@ def test_where_another_commands_the_rotors_the_board_lands(library, course, phas
     assert set(out["fault"].tolist()) == {CONTENDED}
 
 
-def test_another_who_commands_the_rotors_while_it_lands_is_noticed(library, course):
+def test_another_node_that_commands_the_rotors_during_a_landing_is_detected(library, course):
     loop, inputs = at_phase(library, course, "fly")
     assert loop.run(spoilt(inputs[:8], low))[-1]["stage"] == ENDING
     out = loop.run(spoilt(spoilt(inputs[8:20], low), contend))
@@ -378,7 +378,7 @@ def test_another_who_commands_the_rotors_while_it_lands_is_noticed(library, cour
     assert (out["action"] == FORCE_LANDING).any()
 
 
-def test_blind_while_it_lands_for_another_reason_it_is_the_boards(library, course):
+def test_losing_the_pose_during_another_landing_forces_the_boards_landing(library, course):
     loop, inputs = at_phase(library, course, "fly")
     assert loop.run(spoilt(inputs[:8], low))[-1]["stage"] == ENDING
     out = loop.run(spoilt(spoilt(inputs[8:40], low), blind))
@@ -397,7 +397,7 @@ def test_a_short_fault_is_survived(library, course, phase):
     assert out["fault"][-1] == FINE
 
 
-def test_a_battery_that_is_low_before_begins_nothing(library, course):
+def test_a_battery_that_is_low_before_the_start_prevents_it(library, course):
     inputs = course.inputs[: course.drives + 20].copy()
     inputs["flight_state"] = LOW
     assert (Loop(library, course.mission).run(inputs)["action"] == SILENT).all()
@@ -430,14 +430,14 @@ def test_every_gate_is_read_and_the_goal(library, seed):
     m, wanted = read_mission(library, map_mission(course).text), np.zeros((), log_layouts()["course"])
     assert not isinstance(m, str), m
     write_course(wanted, course)
-    wanted["tiles"] = 0.0  # nothing decides by them
+    wanted["tiles"] = 0.0  # the rule does not use them
     assert (m["kind"], m["order_count"], m["has_goal"]) == (COURSE, 0, 1)
     assert m["map"].tobytes() == wanted.tobytes()
     assert (m["controller"]["joint_speed"], m["crawler"]["joint_speed"]) == (0.6, 0.4)
 
 
 def test_of_gates_the_runner_refuses_what_a_course_does(library):
-    """Both are asked of random gates and goals, at bounds and beyond."""
+    """The runner and `Course` are compared on random gates and goals, at the bounds and beyond."""
     rng, agreed = np.random.default_rng(3), {True: 0, False: 0}
     for _ in range(600):
         gates, x = [], 0.0
@@ -529,7 +529,7 @@ def test_a_wrong_course_is_refused_with_what_would_be_valid(library, text):
         (UP + "residual on", "there is no residual for this mission"),
     ],
 )  # fmt: skip
-def test_a_course_that_cannot_be_done_is_refused_before_anybody_is_asked(runner, tmp_path, text, words):
+def test_a_course_that_cannot_be_done_is_refused_before_connecting(runner, tmp_path, text, words):
     (tmp_path / "mission").write_text(text)
     done = said(runner, "sim", "127.0.0.1:1", tmp_path / "mission")
     assert done.returncode == 2

@@ -46,14 +46,14 @@ cross, ros = marked("cross"), marked("ros")
 
 
 def command_line(*words):
-    """The command line in a process of its own, without the tests' type checks."""
+    """Run the command line in a separate process, without the tests' type checks."""
     code = "import sys; from spidar_gym.cli.main import main; main(sys.argv[1:])"
     command = [sys.executable, "-c", code, *map(str, words)]
     return subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "MPLBACKEND": "agg"})
 
 
 def sitl(*words):
-    """What the command line prints."""
+    """Run the command line and return the JSON that it prints."""
     done = command_line(*words)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout)
@@ -65,7 +65,7 @@ def runner():
 
 
 def check_flight(ours):
-    """Acceptance: the paper's figures, and those of the same flight in process."""
+    """Check a flight against the paper's figures."""
     for key in ("rmse_position_m", "rmse_attitude_rad"):
         assert (np.array(ours[key]) < PAPER_FLIGHT[key]).all()
     assert ours["theta_form3_rad"] == pytest.approx([-0.4] * 4, abs=0.02)
@@ -86,13 +86,13 @@ def check_crawl(ours):
 
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory):
-    """The paper's flight and crawl and a course through the runner: figures, and the folders that hold the logs."""
+    """Run the paper's flight and crawl and a course through the runner; return figures and folders with the logs."""
     folders = {kind: tmp_path_factory.mktemp(kind) for kind in ("flight", "crawl", "course")}
     return {k: (sitl("sitl", k, "--link", "socket", "--out", out, "--json")[k], out) for k, out in folders.items()}
 
 
 def check_course(ours):
-    """Acceptance: it lands softly where it flew to, and is among the same courses in process."""
+    """Check that a course lands softly at its target, with figures in the range of the same courses in process."""
     assert all(ours["within_spread"].values()), ours
     assert ours["touchdown_m_s"] < 0.35
     assert ours["largest_step_n"] <= 5.0 + 1e-9
@@ -132,7 +132,7 @@ def test_a_course_through_the_runner_is_among_the_same_courses_in_process(driven
 
 
 def check_gates(ours):
-    """Acceptance: it touches no gate, lands softly, and lies at the goal as close as Course-v0 asks."""
+    """Check that a course touches no gate, lands softly, and ends within the tolerances of Course-v0."""
     assert ours["largest_hit_n"] == 0.0
     assert ours["touchdown_m_s"] < 0.35
     assert ours["largest_step_n"] <= 5.0 + 1e-9
@@ -193,7 +193,7 @@ def test_the_runner_flies_on_the_robots_own_estimate_too(runner):
 
 
 def answers(path):
-    """What a run's log holds besides the clock."""
+    """Return the inputs and outputs of a run's log, without the clock."""
     types, data = log_layouts(), path.read_bytes()
     start = types["log_head"].itemsize + types["mission"].itemsize
     tick, timed = types["loop_input"].itemsize + types["loop_output"].itemsize, types["log_clock"].itemsize
@@ -228,7 +228,7 @@ def test_every_fault_ends_as_specified(runner, tmp_path):
 
 @pytest.mark.slow
 def test_faults_in_phases_of_a_course_end_as_specified(runner, tmp_path):
-    """A sample; `spidar sitl faults --course` plays all of them in every phase."""
+    """Some of the pairs; `spidar sitl faults --course` runs all faults in every phase."""
     names, phases = ("pose_stops", "low_battery", "killed", "stall"), ("crawl", "climb", "unload")
     words = ("--link", "socket", "--only", *names, "--phases", *phases, "--out", tmp_path, "--json")
     rows = sitl("sitl", "faults", *words)["course_faults"]
@@ -247,7 +247,7 @@ def test_a_sample_of_faults_and_phases_has_every_fault_and_a_larger_one_begins_w
     assert set(all_) == set(pairs_of(faults, phases, 9)) == {(f, p) for f in faults for p in phases}
 
 
-def test_faults_in_phases_go_on_where_they_were(monkeypatch, tmp_path):
+def test_faults_in_phases_resume_after_an_interruption(monkeypatch, tmp_path):
     played = []
 
     def play_put(put):
@@ -344,7 +344,7 @@ def test_a_learned_residual_drives_with_the_runner_and_off_is_as_if_it_were_not_
     action = read_runner_log(tmp_path / "on" / "run.log").outputs["policy_action"][:, :16]
     assert 0.05 < np.abs(action).max() <= 1.0
     assert np.abs(np.diff(action, axis=0)).max() <= 0.25 + 1e-12
-    # A mission without it, driven by a runner that has one: the very bytes of a runner that has none.
+    # A mission without a residual gives the same bytes on a runner that has one and on a runner that has none.
     log, again = driven["crawl"][1] / "run.log", tmp_path / "again"
     done = subprocess.run(
         [build_runner(residual=net), "replay", log, again], capture_output=True, text=True, check=False
@@ -355,11 +355,11 @@ def test_a_learned_residual_drives_with_the_runner_and_off_is_as_if_it_were_not_
         play(crawl_mission(residual=True), runner=build_runner())
 
 
-# Through ROS 1, in real time: run alone, for the robot's clock is the wall's
+# Through ROS 1, in real time: run alone, because the robot's clock is wall time
 
 
 def sitl_in_real_time(*words):
-    """What the command line prints; a machine that stalls a robot in mid-air five times has tested no runner."""
+    """Return the JSON that the command line prints; skip on machines too slow to run the robot in real time."""
     done = command_line("sitl", *words, "--link", "ros", "--json")
     if "cannot run the robot in real time" in done.stderr:
         pytest.skip(done.stderr.splitlines()[-1])
@@ -370,7 +370,7 @@ def sitl_in_real_time(*words):
 @ros
 @pytest.mark.slow
 def test_a_course_through_ros_in_real_time(tmp_path):
-    """Both gaits and orders: every topic has something to say."""
+    """A course uses both gaits and orders, so that messages are sent on every topic."""
     ours = sitl_in_real_time("course", "--out", tmp_path)["course"]
     check_course(ours)
     assert ours["timing"]["wait_median_us"] < 5000.0
@@ -378,7 +378,7 @@ def test_a_course_through_ros_in_real_time(tmp_path):
 
 @pytest.fixture
 def whole(request):
-    """Three minutes more in real time, of missions that the link over the socket flies in CI."""
+    """Skip without `--whole`: three more minutes in real time, of missions that CI runs over the socket."""
     if not request.config.getoption("--whole"):
         pytest.skip("another minute in real time: --whole")
 
@@ -415,7 +415,7 @@ def test_faults_of_processes_and_network_through_ros(tmp_path):
 
 
 def serve(*words, seconds):
-    """`spidar sitl robot` in a process of its own for so long [s], and what it said first."""
+    """Start `spidar sitl robot` in a separate process for a time [s]; return it and its first line."""
     code = "import sys; from spidar_gym.cli.main import main; main(sys.argv[1:])"
     command = [sys.executable, "-c", code, "sitl", "robot", "--operate", "--seconds", str(seconds), *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
@@ -430,7 +430,7 @@ def written(mission, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_robot_that_runs_alone_is_flown_by_a_runner_that_somebody_else_starts(runner, tmp_path):
+def test_a_robot_that_runs_alone_is_flown_by_a_runner_that_is_started_separately(runner, tmp_path):
     process, first = serve("--link", "socket", seconds=11)
     command = [runner, "sim", first.split()[2], written(hover_mission(), tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -444,16 +444,16 @@ def test_a_robot_that_runs_alone_is_flown_by_a_runner_that_somebody_else_starts(
 
 @ros
 @pytest.mark.slow
-def test_a_dry_run_hears_the_robot_and_commands_nobody(tmp_path):
+def test_a_dry_run_receives_the_robots_messages_and_commands_nothing(tmp_path):
     program = build_for("ros")
     process, first = serve("--link", "ros", seconds=20)
     where = dict(word.split("=") for word in first.split()[:2])
     command = [program, "ros1", written(hover_mission(), tmp_path), "--out", "/spidar_dry"]
-    # A runner that comes too late for the robot waits for the next.
+    # A runner that has missed the robot waits for the next one.
     done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **where}, timeout=60)
     said = process.communicate()[0]
     assert "driving" in done.stderr
-    # The robot falls silent in the end; what the runner does about it stays under the other namespace.
+    # The robot's messages stop at the end; the runner's reaction stays under the other namespace.
     assert "forcing the landing" in done.stderr
     assert "HOVER" in said
     assert "FORCE_LANDING" not in said

@@ -1,4 +1,4 @@
-"""Pins the export: the same bytes, compiles with one line, replays bit for bit everywhere, refuses what is no log."""
+"""Pins the export: the same bytes, compiles with one line, replays bit for bit everywhere, refuses invalid logs."""
 
 import hashlib
 import json
@@ -33,14 +33,14 @@ cross = marked("cross")
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """An exported folder."""
+    """Export a folder."""
     path = tmp_path_factory.mktemp("export") / "onboard"
     export(path)
     return path
 
 
 def compile_runner(folder, out, *flags, cc=None):
-    """The README's line."""
+    """Compile the runner with the line of the README."""
     command = [*([cc] if cc else compiler()), *FLAGS, *flags, *arguments(folder), "-o", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[:2000]
@@ -104,7 +104,7 @@ def test_on_the_robots_processor_it_gives_the_same_bytes(folder, tmp_path):
 def test_our_own_code_compiles_without_a_warning(folder, tmp_path):
     ours = [folder / "core", folder / "runner", folder / "examples", NATIVE / "engine"]
     includes = [f"-I{part}" for part in (*ours, folder / "generated", GENERATED)]
-    system = ["-isystem", str(folder / "osqp")]  # somebody else's headers
+    system = ["-isystem", str(folder / "osqp")]  # external headers
     for part in ours:
         for source in sorted(part.glob("*.c")):
             words = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wno-unused-function", "-Wno-unused-variable"]
@@ -141,7 +141,7 @@ def test_the_example_of_the_allocation_compiles_with_its_own_line_and_prints_wha
 
 
 def the_cases():
-    """What Python answers to the example: the paper's weights, another weight, another limit, a lost rotor."""
+    """Return Python's answers to the example: the paper's weights, another weight, another limit, a lost rotor."""
 
     def with_blocks(change):
         return {
@@ -162,7 +162,7 @@ def the_cases():
 
 
 def spoilt(data, rng):
-    """A log with a few wild numbers in its ticks' states."""
+    """Return a log with a few wild numbers in its ticks' states."""
     layout = log_layouts()
     front = layout["log_head"].itemsize
     wild = [np.nan, np.inf, -np.inf, 1e300, -1e300, 0.0, 1e-300, 7.0]
@@ -222,7 +222,7 @@ def test_bench_reports_ticks_and_what_was_not_tested(folder, runner):
     assert "not tested: a Jetson TX2" in out
     most, cap = map(int, re.search(r"most iterations of a tick +(\d+), cap (\d+)", out).groups())
     assert cap == 300
-    assert 0 < most <= 3 * cap + 2 * MAX_STEPS  # a tick beyond the spheres goes on in the interior point
+    assert 0 < most <= 3 * cap + 2 * MAX_STEPS  # a tick beyond the spheres continues in the interior-point solver
 
 
 def test_a_folder_with_something_else_in_it_is_left_alone(tmp_path):

@@ -1,4 +1,4 @@
-"""Pins the export of a robot of one's own: its numbers, presets and missions, and that it commands as Python does."""
+"""Pins the export of a custom robot: its numbers, presets and missions, and commands equal to Python's."""
 
 import subprocess
 from pathlib import Path
@@ -20,7 +20,7 @@ pytestmark = needs_compiler
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """What `spidar export --robot` writes."""
+    """Export a custom robot with `spidar export --robot`; return the folder."""
     path = tmp_path_factory.mktemp("own")
     (path / "long.toml").write_text(f"pitch_to_foot = {LONG.pitch_to_foot!r}\n", encoding="utf-8")
     main(["export", "--robot", str(path / "long.toml"), "--out", str(path / "onboard")])

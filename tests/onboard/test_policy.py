@@ -1,4 +1,4 @@
-"""Pins the learned residual onboard: it sees and answers what the policy in the environment does, within bounds."""
+"""Pins the learned residual onboard: observation and action equal those in the environment, within bounds."""
 
 import hashlib
 import re
@@ -48,7 +48,7 @@ NETS = {
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
-    """Artifact, or none → the core with it as a shared library; all but the policy is compiled once."""
+    """Return a function: artifact or None → the core with it as a shared library; only the policy is recompiled."""
     folder = tmp_path_factory.mktemp("core")
     (folder / "spidar_interface.h").write_text(interface_header(expected_digest()), encoding="utf-8")
     flags = [*FLAGS, "-fPIC", *includes(folder)]
@@ -72,7 +72,7 @@ def compiled(tmp_path_factory):
 
 @pytest.fixture
 def core(compiled, monkeypatch):
-    """As `compiled`, and controllers that are made from then on load it."""
+    """Return a function like `compiled`, after which new controllers load that core."""
     return lambda *artifact: monkeypatch.setenv("SPIDAR_CORE", str(compiled(*artifact)))
 
 
@@ -81,7 +81,7 @@ def make(net, **options):
 
 
 class Learned:
-    """The policy of a compiled core beside a controller of that core; it is shown what an environment's policy is."""
+    """The policy of a compiled core and a controller of that core, with the inputs of an environment's policy."""
 
     def __init__(self, env, controller=None):
         self.env, self.controller = env, controller or env.controller
@@ -95,7 +95,7 @@ class Learned:
         return self.own[name].pointer
 
     def look(self, state=None):
-        """Take note of what there is to see now."""
+        """Store the present state, reference and preview."""
         fill(self.own["robot_state"].record, state or self.env.seen)
         if isinstance(self.controller, CoreFlightController):
             fill(self.own["reference"].record, self.env.reference())
@@ -109,7 +109,7 @@ class Learned:
             preview["time_to_next"] = 60.0 if upcoming is None else upcoming.start - progress.time
 
     def act(self):
-        """The residual of this tick."""
+        """Compute the residual of this tick."""
         if isinstance(self.controller, CoreFlightController):
             self.library.sp_policy_flight(
                 self.controller.room.robot, self["policy"], self.controller._flight.pointer, self["robot_state"],
@@ -125,7 +125,7 @@ class Learned:
         return self.own["residual"]
 
     def command_directly(self):
-        """The policy's command, without a controller."""
+        """Compute the policy's command, without a controller."""
         self.library.sp_policy_direct(
             self.controller.room.robot, self["policy"], self.controller._flight.pointer, self["robot_state"],
             self["control_state"], self["preview"], self["command"],
@@ -133,7 +133,7 @@ class Learned:
         return self.own["command"].record
 
     def command(self, residual):
-        """The controller's command with a residual, or without one."""
+        """Compute the controller's command with a residual, or without one."""
         given = None if residual is None else residual.pointer
         if isinstance(self.controller, CoreFlightController):
             self.library.sp_flight_step(
@@ -149,7 +149,7 @@ class Learned:
 
 
 def beside(env):
-    """A controller of the core that begins where the environment's did."""
+    """Return a controller of the core with the initial state of the environment's controller."""
     if env.spec is None or env.spec.id != CRAWL:
         controller = CoreFlightController(env.controller.config)
         controller.reset(env.seen, env.progress.goal.joint_target, env.trim)
@@ -160,13 +160,13 @@ def beside(env):
 
 
 def toward(wish, last):
-    """The action that follows another one: as near to a wish as its rate lets it be."""
+    """Return the next action: as near to the requested one as the rate limit allows."""
     step = RATE / CONTROL_RATE
     return np.clip(wish.astype(float), last - step, last + step)
 
 
 def residual_of(net, action):
-    """What the environment makes of an action, as the core's struct."""
+    """Return the environment's residual of an action, as the core's struct."""
     struct = Struct("residual")
     modes = CRAWL_MODES if net.env_id == CRAWL else ACTION_MODES
     adds = modes[net.arguments["action_mode"]].residual
@@ -175,12 +175,12 @@ def residual_of(net, action):
 
 
 def apart(a, b):
-    """Largest difference of two structs of numbers."""
+    """Return the largest difference of two structs of numbers."""
     return max(float(np.abs(np.asarray(a[name], float) - np.asarray(b[name], float)).max()) for name in a.dtype.names)
 
 
 @pytest.mark.parametrize("options", NETS.values(), ids=NETS)
-def test_the_core_sees_what_the_environment_shows_and_answers_what_the_network_does(core, options):
+def test_observation_and_action_of_the_core_are_those_of_environment_and_network(core, options):
     net = made(**options)
     core(net)
     env = make(net, control="core")
@@ -209,7 +209,7 @@ def test_the_core_sees_what_the_environment_shows_and_answers_what_the_network_d
     assert max(seen) < 1e-6
     assert max(answered) < 1e-5
     assert max(residuals) < 1e-5 * 34.0
-    # There was something to see and to do.
+    # Observations and actions varied.
     assert np.ptp(actions, axis=0).min() > 0.02
     assert 0 < np.sum(limited) < TICKS
     assert max(faded) > 0.3 if net.washout.any() else not any(faded)
@@ -218,7 +218,7 @@ def test_the_core_sees_what_the_environment_shows_and_answers_what_the_network_d
         assert len({goal.tobytes() for goal in np.array(shown)[:, -size - 17 : -size - 1]}) > 1, "the plan went on"
 
 
-def test_what_a_network_never_says_has_no_part_in_the_core():
+def test_outputs_that_a_network_does_not_use_are_not_in_the_core():
     said, silent = (re.search(r"SIZES \{.*, (\d+)\}", policy_header(in_torso_axes(joints=j)))[1] for j in (True, False))
     assert (said, silent) == ("40", "24")
 
@@ -248,7 +248,7 @@ def test_a_policy_without_a_controller_flies_as_in_its_environment(core, net, le
         answered.append(np.abs(learned.action[: len(action)] - action))
         answered[-1][8:24] = np.minimum(answered[-1][8:24], 2.0 - answered[-1][8:24])  # angles, in half turns
         actions.append(action)
-        # Both go on from the same action: a flight without a controller lets no difference fade.
+        # Both continue from the same action, because differences do not decay in a flight without a controller.
         observation, _, terminated, _, _ = env.step(learned.action[: len(action)].astype(np.float32))
         expected = Struct("command")
         fill(expected.record, env.command)
@@ -266,7 +266,7 @@ def test_a_policy_without_a_controller_flies_as_in_its_environment(core, net, le
 def test_controller_and_policy_of_the_core_are_those_of_python(core, name):
     net = made(**NETS[name])
     core(net)
-    # The estimator takes the command for the thrust; without it the two differ, as in the test above.
+    # The estimator uses the command as the thrust; without it the observations differ, as in the test above.
     env = make(net, control="python", max_iter=300, sensors=True)
     observation, _ = env.reset(seed=5)
     learned, action, worst, moved = Learned(env, beside(env)), np.zeros(len(net.biases[-1])), 0.0, 0.0
@@ -289,7 +289,7 @@ def test_controller_and_policy_of_the_core_are_those_of_python(core, name):
 def test_a_residual_that_remembers_the_external_force_answers_as_in_its_environment(core):
     net = feeling()
     core(net, 1000.0)
-    # A drawn robot begins with integrals, of either sign.
+    # A randomised robot begins with integrals of either sign.
     env = make(net, control="core", sensors=True, randomization=1.0, disturbances={"wind": 2.0, "push": 20.0})
     observation, _ = env.reset(seed=4)
     learned, policy = Learned(env), LearnedPolicy(net)
@@ -308,9 +308,9 @@ def test_a_residual_that_remembers_the_external_force_answers_as_in_its_environm
         assert not terminated
     print(f"\naction {max(apart_by):.1e}, pulls up to {np.abs(pulls).max():.0f} N")
     assert max(apart_by) < 1e-4
-    assert pulls[0][6:].min() > 0.0, "it is told without signs"
+    assert pulls[0][6:].min() > 0.0, "absolute values are observed"
     assert np.abs(np.mean(pulls[20:], axis=0)[:3]).max() > 1.0, "wind pulls"
-    # What is no number is not remembered.
+    # Numbers that are not finite are not stored.
     seen = learned.own["policy"]
     before = seen["traces"].copy()
     learned.look(replace(env.seen, velocity_w=np.full(3, np.nan)))
@@ -324,7 +324,7 @@ def test_a_residual_that_remembers_the_external_force_answers_as_in_its_environm
     assert np.abs(seen["traces"] - before).max() < 50.0
 
 
-def test_bound_and_rate_hold_whatever_the_network_says(core):
+def test_bound_and_rate_hold_for_all_outputs_of_the_network(core):
     for output, rate, time in (("clip", 10.0, 0.0), ("tanh", 2.5, 0.0), ("clip", 40.0, 0.5)):
         net = made(scale=1e4, output=output, washout=np.full(6, time))
         core(net, rate)
@@ -343,7 +343,7 @@ def test_bound_and_rate_hold_whatever_the_network_says(core):
 
 
 @pytest.mark.parametrize("name", ["wrench", "wrench and joints", "washed wrench and joints", "gait and legs"])
-def test_what_is_no_number_counts_as_no_wish_and_is_forgotten(core, name):
+def test_numbers_that_are_not_finite_count_as_zero_and_are_not_stored(core, name):
     net = made(**NETS[name])
     core(net)
     env = make(net, control="core")
@@ -364,14 +364,14 @@ def test_what_is_no_number_counts_as_no_wish_and_is_forgotten(core, name):
         assert np.abs(action - last).max() <= RATE / CONTROL_RATE + 1e-12
         assert all(np.isfinite(residual[field]).all() for field in residual.views)
         if np.isnan(learned.seen[: len(observation)]).any():
-            assert k % 2 == 0, "a lost state spoils no later one"
+            assert k % 2 == 0, "an invalid state does not affect later ones"
             poisoned += 1
             np.testing.assert_allclose(action, np.clip(-fade, last - 0.25, last + 0.25), atol=1e-12)
         observation = env.step(np.zeros(size))[0]
     assert poisoned > 3
 
 
-def test_a_network_that_overflows_wishes_nothing(core):
+def test_a_network_that_overflows_stays_within_the_bounds(core):
     net = made(scale=1e30, activation="relu")
     core(net)
     env = make(net, control="core")
@@ -384,7 +384,7 @@ def test_a_network_that_overflows_wishes_nothing(core):
 
 
 def silenced(net):
-    """A policy whose answer is 0."""
+    """Return a policy whose output is 0."""
     last = (0.0 * net.weights[-1], 0.0 * net.biases[-1])
     return replace(net, weights=(*net.weights[:-1], last[0]), biases=(*net.biases[:-1], last[1]))
 
@@ -408,7 +408,7 @@ def test_no_policy_and_one_that_is_silent_change_no_bit_of_a_command(core, name,
         env.step(np.zeros(len(net.biases[-1])))
 
 
-def test_a_policy_says_where_it_was_learned_and_is_silent_elsewhere(core):
+def test_a_policy_has_its_environments_kind_and_a_zero_residual_elsewhere(core):
     kinds = {}
     for name, net in (
         ("none", None),
@@ -430,7 +430,7 @@ def test_a_policy_says_where_it_was_learned_and_is_silent_elsewhere(core):
 
 
 def test_every_mode_that_adds_to_a_controller_means_the_same_onboard(core):
-    """An action far from 0 through every mode: only the biases of the last layer speak."""
+    """Every mode is run with an action far from 0, which the biases of the last layer alone determine."""
     for env_id, modes in ((HOVER, ACTION_MODES), (CRAWL, CRAWL_MODES)):
         env = gymnasium.make(env_id, control="python").unwrapped
         env.reset(seed=0)

@@ -1,4 +1,4 @@
-"""Pins how a learned policy gets onboard: its header's exact numbers, what is refused, the command that exports it."""
+"""Pins the export of a learned policy: its header's exact numbers, refusals, the command that exports it."""
 
 import hashlib
 import json
@@ -43,7 +43,7 @@ def test_the_headers_numbers_are_the_artifacts_bit_for_bit():
         out, size = weights.shape
         room = -(-out // BLOCK) * BLOCK
         layer, last, rest = np.split(rest, [room * size, room * (size + 1)])
-        for k in range(room):  # output k stands in block k // BLOCK, its weights BLOCK numbers apart
+        for k in range(room):  # output k is in block k // BLOCK, its weights BLOCK numbers apart
             own = layer[k // BLOCK * BLOCK * size :][k % BLOCK : BLOCK * size : BLOCK]
             np.testing.assert_array_equal(own, weights[k] if k < out else 0.0)
         np.testing.assert_array_equal(last, [*biases, *np.zeros(room - out)])
@@ -82,7 +82,7 @@ def test_more_than_the_cores_arrays_hold_is_refused(monkeypatch, most):
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
-def test_a_rate_that_is_none_is_refused(rate):
+def test_an_invalid_rate_is_refused(rate):
     with pytest.raises(InvalidValueError, match=r"residual_rate = .* above 0"):
         policy_header(made(), rate)
 
@@ -117,13 +117,13 @@ def test_the_command_exports_a_folder_that_compiles_replays_and_names_its_policy
     told = {name: manifest["residual"][name] for name in ("name", "sha256", "rate")}
     assert told == {"name": "net", "sha256": digest, "rate": 4.0}
     line = next(w.strip() for w in (folder / "README.md").read_text().splitlines() if w.strip().startswith("gcc "))
-    line = line.replace("gcc", shlex.join(compiler()), 1).replace("-O2", "-O0")  # which gives the same bytes, sooner
+    line = line.replace("gcc", shlex.join(compiler()), 1).replace("-O2", "-O0")  # the same bytes, but faster to compile
     subprocess.run(line, shell=True, cwd=folder, check=True)
     for log in ("flight", "crawl"):
         subprocess.run(["./spidar-runner", "replay", f"golden/{log}.in", "out"], cwd=folder, check=True)
         run = ["./spidar-runner", "compare", "out", f"golden/{log}.out"]
         assert subprocess.run(run, cwd=folder, check=False, capture_output=True).returncode == 0
-    for log, told in (("flight", True), ("crawl", False)):  # the policy of a flight has nothing to say to a crawl
+    for log, told in (("flight", True), ("crawl", False)):  # the policy of a flight is not used in a crawl
         run = ["./spidar-runner", "bench", f"golden/{log}.in"]
         out = subprocess.run(run, cwd=folder, check=True, capture_output=True, text=True).stdout
         assert ("flight with the residual" in out) == told
@@ -146,7 +146,7 @@ def test_the_same_policy_gives_the_same_bytes_and_another_rate_others(written):
 
 
 def test_a_core_is_built_with_a_policy(written, tmp_path, monkeypatch):
-    monkeypatch.setattr(recipe, "LIBRARY_FLAGS", ("-std=c99", "-O0"))  # it is only asked what it is
+    monkeypatch.setattr(recipe, "LIBRARY_FLAGS", ("-std=c99", "-O0"))  # only its kind is read
     path = build_core(tmp_path / "libspidar.so", written)
     monkeypatch.setenv("SPIDAR_CORE", str(path))
     assert CoreFlightController().library.sp_policy_kind() == 0

@@ -1,4 +1,4 @@
-"""Pins that the runner's digest covers its structs and sources, and that a runner of others is refused in a line."""
+"""Pins that the runner's digest covers its structs and sources, and that a runner with others is refused in a line."""
 
 import dataclasses
 import shutil
@@ -17,7 +17,7 @@ MISSION = "flight tuned\n"
 
 
 def lengthened(*names):
-    """The runner's structs where some have a member more."""
+    """Return the runner's structs, some with an additional member."""
     return [
         dataclasses.replace(each, rows=(*each.rows, ("more", "f8", (), ""))) if each.name in names else each
         for each in RUNNER_STRUCTS
@@ -47,7 +47,7 @@ def test_another_source_of_the_runner_or_another_word_is_another_interface(monke
 
 @pytest.fixture(scope="module")
 def other(tmp_path_factory):
-    """A runner whose greeting and answer have a member more than Python's."""
+    """Compile a runner whose greeting and answer have an additional member."""
     folder = tmp_path_factory.mktemp("other") / "onboard"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner_structs, "RUNNER_STRUCTS", lengthened("sim_hello", "loop_output"))

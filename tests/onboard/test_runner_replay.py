@@ -1,4 +1,4 @@
-"""Pins the runner's tick as a function: commands within bounds whatever comes in, the same bytes, logs that replay."""
+"""Pins the runner's tick as a function: commands within bounds for all inputs, the same bytes, logs that replay."""
 
 import re
 import shutil
@@ -20,7 +20,7 @@ WILD = np.array([np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-300, 0.0, -0.0, 1e9,
 
 
 def fuzzed(inputs, rng, odds=0.7):
-    """Inputs with wild doubles, random bytes and counts as the links leave them."""
+    """Return inputs with wild doubles, random bytes and counts as the links produce them."""
     inputs = inputs.copy()
     for record in inputs:
         if rng.random() > odds:
@@ -33,7 +33,7 @@ def fuzzed(inputs, rng, odds=0.7):
             for _ in range(rng.integers(1, 6)):
                 target = m[rng.choice(names)]
                 target[rng.integers(len(target))] = rng.choice(WILD)
-        elif what == 1:  # numbers that are accepted, and mean nothing
+        elif what == 1:  # numbers within the accepted ranges, but random
             m["joint_position"] = rng.uniform(-3.3, 3.3, 16)
             m["vectoring"] = rng.uniform(-40.0, 40.0, 16)
             m["joint_torque"] = rng.choice(WILD, 16)
@@ -52,7 +52,7 @@ def fuzzed(inputs, rng, odds=0.7):
 
 
 def tolerant(mission):
-    """A mission that nothing ends."""
+    """Return a mission without limits that would end it."""
     mission = mission.copy()
     limits = mission["limits"]
     limits["hold_ticks"], limits["tilt"], limits["fence_low"], limits["fence_high"] = 10**6, 4.0, -1e9, 1e9
@@ -62,7 +62,7 @@ def tolerant(mission):
 
 
 def wild_stream(stream, seed, ticks):
-    """The wait as it was, then the drive spoilt, again and again."""
+    """Return inputs with the unchanged wait, followed by repetitions of the drive with faults."""
     rng = np.random.default_rng(seed)
     wait, drive = stream.inputs[stream.hovers - 10 : stream.drives + 2], stream.inputs[stream.drives + 2 :][:90]
     parts, late = [wait], drive["time"][-1] - wait["time"][-1]
@@ -79,7 +79,7 @@ def wild_stream(stream, seed, ticks):
 
 
 @pytest.mark.parametrize("easy", [False, True], ids=["as it is", "without limits"])
-def test_the_command_is_within_its_bounds_whatever_comes_in(library, stream, easy):
+def test_the_command_is_within_its_bounds_for_all_inputs(library, stream, easy):
     drives = 0
     for seed in range(4):
         mission = tolerant(stream.mission) if easy else stream.mission
@@ -87,7 +87,7 @@ def test_the_command_is_within_its_bounds_whatever_comes_in(library, stream, eas
         check_bounds(out)
         assert (out["stage"][:50] != RELEASED).all()
         drives += int(np.isin(out["stage"], (DRIVING, RESTING)).sum())
-    assert drives > (300 if easy else 8), "it was driven through"
+    assert drives > (300 if easy else 8), "too few ticks were driven"
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Pins the runner's stages: when it drives and when it gives back, and what every fault leads to."""
+"""Pins the runner's stages: when it drives, when it hands the robot back, and the reaction to every fault."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ pytestmark = needs_compiler
 
 @pytest.fixture(scope="module")
 def driving(library, hover):
-    """A loop that has driven for 0.75 s, and what comes in then; the loop is to be copied."""
+    """Return a loop that has driven for 0.75 s, and the inputs that follow; tests must copy the loop."""
     loop = Loop(library, hover.mission)
     last = loop.run(hover.inputs[: hover.drives + 30])[-1]
     assert last["stage"] == DRIVING
@@ -52,7 +52,7 @@ def driving(library, hover):
 # When it drives.
 
 
-def test_it_drives_after_good_samples_for_settle_seconds_and_says_nothing_before(library, stream):
+def test_it_drives_after_good_samples_for_settle_seconds_and_publishes_nothing_before(library, stream):
     out = Loop(library, stream.mission).run(stream.inputs)
     times = stream.inputs["time"]
     assert times[stream.drives] - times[stream.hovers] == pytest.approx(1.0, abs=0.026)
@@ -197,7 +197,7 @@ IN_TIME = {
     "tips over": (tip, TILTED, 1.5),
     "leaves the fence": (drift, OUTSIDE, 1.2),
 }
-"""Spoiler, fault, when [s]."""
+"""Function that spoils inputs, fault, time until it is detected [s]."""
 
 
 def spoilt(inputs, spoil):
@@ -208,7 +208,7 @@ def spoilt(inputs, spoil):
 
 
 def check_landing(out, before, fault):
-    """Hold, force the landing, silence: from the first tick of `out` on."""
+    """Check the sequence from the first tick of `out` on: hold, force the landing, publish nothing."""
     stages = [HOLDING] * HOLD + [LANDING] * LAND + [RELEASED] * (len(out) - HOLD - LAND)
     assert out["stage"].tolist() == stages
     actions = {HOLDING: PUBLISH, LANDING: FORCE_LANDING, RELEASED: SILENT}
@@ -232,7 +232,7 @@ def test_a_fault_is_held_then_landed_then_silence(driving, spoil, fault):
 def test_what_goes_stale_or_drifts_away_lands(driving, spoil, fault, seconds):
     loop, inputs = driving
     loop, inputs = loop.copy(), inputs.copy()
-    if spoil is None:  # what was heard last, again and again
+    if spoil is None:  # the last message is repeated
         for name in ("encoder_time", "joint_position", "vectoring"):
             inputs["measurement"][name] = inputs["measurement"][name][0]
     else:
@@ -251,7 +251,7 @@ def test_a_short_fault_is_survived_and_forgotten(driving, spoil, fault, ticks):
     loop, inputs = driving
     loop = loop.copy()
     second = 2 * ticks + 2
-    for start in (0, second):  # after as many good ticks the second has as long a hold as the first
+    for start in (0, second):  # after enough good ticks the second fault is held as long as the first
         inputs = inputs.copy()
         for k in range(ticks):
             spoil(inputs[start + k], k)
@@ -272,7 +272,7 @@ def test_ticks_that_come_late_are_faults(driving):
     out = one.run(np.delete(inputs, slice(10, 14))[:30])  # 125 ms
     assert np.flatnonzero(out["stage"] == HOLDING).tolist() == [10]
     assert out["fault"][10] == LATE
-    # Old commands are in force between late ticks: two of them are 150 ms.
+    # Old commands stay in force between late ticks: two such ticks make 150 ms.
     many = loop.copy()
     many(inputs[0])
     out = many.run(inputs[5::5][:16])
@@ -312,7 +312,7 @@ def test_without_an_allocation_it_holds_and_lands(driving):
     assert set(out["fault"].tolist()) == {NO_ALLOCATION}
 
 
-def test_contention_is_none_right_after_the_take_over(library, hover):
+def test_contention_is_ignored_right_after_the_take_over(library, hover):
     inputs = hover.inputs[: hover.drives + 30].copy()
     inputs["has_thrust"][hover.drives :] = 1
     out = Loop(library, hover.mission).run(inputs)[hover.drives :]
@@ -321,7 +321,7 @@ def test_contention_is_none_right_after_the_take_over(library, hover):
 
 
 @pytest.mark.parametrize("thrust", [np.nan, np.inf, -5.0, 1e6])
-def test_what_others_tell_the_rotors_is_never_taken_over_where_it_is_no_thrust(library, hover, thrust):
+def test_invalid_thrust_commands_of_others_are_never_taken_over(library, hover, thrust):
     inputs = hover.inputs[: hover.drives + 30].copy()
     inputs["thrust"][hover.drives - 20 :, 3] = thrust
     out = Loop(library, hover.mission).run(inputs)
@@ -331,11 +331,11 @@ def test_what_others_tell_the_rotors_is_never_taken_over_where_it_is_no_thrust(l
     assert out["command"]["thrust"][out["stage"] == DRIVING][0].sum() == pytest.approx(told, rel=0.02)
 
 
-# What it takes over.
+# The thrust that it takes over.
 
 
 @pytest.mark.parametrize("share", [0.9, 1.0, 1.05, 1.1])
-def test_it_takes_over_with_the_thrust_that_the_robots_own_stack_told(library, hover, share):
+def test_it_takes_over_with_the_thrust_that_the_robots_own_stack_commanded(library, hover, share):
     inputs = hover.inputs[: hover.drives + 1].copy()
     inputs["thrust"] *= share
     told = inputs["thrust"][-1].sum()

@@ -1,4 +1,4 @@
-"""Pins that C and numpy lay out the structs of core and runner alike, and give words the same numbers."""
+"""Pins that C and NumPy use the same layouts for the structs of core and runner, and the same numbers for words."""
 
 import subprocess
 
@@ -20,7 +20,7 @@ STRUCTS = (*border_structs(), *CORE_STRUCTS, *RUNNER_STRUCTS)
 
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory):
-    """What C says of every expression: compiled once for all."""
+    """Return a function that evaluates expressions in C, all in one program."""
     folder = tmp_path_factory.mktemp("layout")
     for name, text in (("constants", constants_header()), ("structs", structs_header()), ("runner", runner_header())):
         (folder / f"spidar_{name}.h").write_text(text)
@@ -56,7 +56,7 @@ def test_every_struct_is_described_once():
 
 
 def test_members_are_of_the_kind_that_c_has(printed):
-    """A double that numpy took for two integers would lie in the right place."""
+    """Offsets and sizes alone would not detect a double that NumPy describes as two integers."""
     checks = {}
     for struct in STRUCTS:
         layout = log_layouts()[struct.name]
@@ -81,5 +81,5 @@ def test_words_have_the_same_numbers(printed):
     assert printed(list(expected)) == expected
 
 
-def test_alignment_is_asked_for():
+def test_layouts_are_aligned():
     assert all(np.dtype(layout).isalignedstruct for layout in log_layouts().values())

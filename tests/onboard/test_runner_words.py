@@ -1,4 +1,4 @@
-"""Pins what the runner is told and answers: mission, contract with the robot, words and figures."""
+"""Pins the runner's inputs and outputs: mission file, contract with the robot, messages and figures."""
 
 import ctypes
 import re
@@ -173,7 +173,7 @@ def test_sanitizers_find_nothing_in_junk(checked, tmp_path):
         assert done.stderr.count("\n") == 1
 
 
-def test_a_move_out_of_reach_is_refused_before_anybody_is_asked(runner, tmp_path):
+def test_a_move_out_of_reach_is_refused_before_connecting(runner, tmp_path):
     (tmp_path / "mission").write_text("crawl published\nmove 5 0 0 1\n")
     done = said(runner, "sim", "127.0.0.1:1", tmp_path / "mission")
     assert (done.returncode, done.stderr) == (2, "runner: a move of the mission is out of reach; valid: shorter ones\n")
@@ -201,7 +201,7 @@ class Robot(ctypes.Structure):
 
 
 def agree(library, odometry=0, model=None, names=NAMES, **rates):
-    """What the contract has against a robot; nothing against the right one."""
+    """Return the contract's reason against a robot; empty for the right one."""
     found = (ctypes.c_double * 5)(*(rates.get(t, rate) for t, rate in zip(TOPICS, RATES, strict=True)))
     words = (ctypes.c_char_p * len(names))(*(name.encode() for name in names))
     robot, reason = Robot((model or model_hash()).encode(), len(names), words, found), ctypes.create_string_buffer(256)
@@ -214,16 +214,16 @@ def agree(library, odometry=0, model=None, names=NAMES, **rates):
 def test_the_right_robot_is_accepted(library, odometry):
     assert agree(library, odometry) == ""
     unused = ["imu", "mocap/pose"] if odometry else ["uav/cog/odom"]
-    assert agree(library, odometry, **dict.fromkeys(unused, 0.0)) == "", "topics that nobody needs"
+    assert agree(library, odometry, **dict.fromkeys(unused, 0.0)) == "", "topics that are not used"
     for factor in (0.75, 1.25):
         rates = {t: factor * rate for t, rate in zip(TOPICS, RATES, strict=True)}
         assert agree(library, odometry, **rates) == ""
-    assert agree(library, odometry, flight_state=3.0) == "", "its state may come as it likes"
+    assert agree(library, odometry, flight_state=3.0) == "", "the rate of flight_state is not checked"
 
 
 @pytest.mark.parametrize("odometry", [0, 1])
 @pytest.mark.parametrize("topic", TOPICS)
-def test_each_topic_and_its_rate_is_asked_for(library, odometry, topic):
+def test_each_topic_and_its_rate_is_required(library, odometry, topic):
     if topic in (("imu", "mocap/pose") if odometry else ("uav/cog/odom",)):
         return
     for rate in (0.0, np.nan, -1.0):
@@ -270,13 +270,13 @@ def test_another_model_is_refused(library, runner, tmp_path):
 
 
 def refused(runner, tmp_path, words, **robot):
-    """End to end: one line, and status 2."""
+    """Check end to end that the runner refuses a robot with one line and status 2."""
     (tmp_path / "mission").write_text("flight paper\n")
     link = SocketLink(**robot)
 
     def greet():
         link.accept()
-        link.close()  # who is satisfied with the robot waits no longer
+        link.close()  # so that a runner which accepts the robot does not wait
 
     robot_side = threading.Thread(target=greet)
     robot_side.start()
@@ -289,7 +289,7 @@ def refused(runner, tmp_path, words, **robot):
 
 
 def ask(runner, tmp_path, inputs, hello=None, log=None, seconds=3.0):
-    """The runner's answers to inputs over the socket, and what it said."""
+    """Send inputs over the socket; return the runner's answers, exit status and output."""
     (tmp_path / "mission").write_text(hover_mission(seconds=seconds).text)
     link = SocketLink()
     if hello is not None:
