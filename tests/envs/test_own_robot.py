@@ -187,7 +187,7 @@ def test_saved_robots_of_a_vector_are_restored_as_the_same_robot_only():
     ("arguments", "kind", "words"),
     [
         ({"robot": {"max_thrust": 10.0}}, InvalidValueError, "at least 24.52 N: a robot of 16 kg"),
-        ({"robot": {"legs": 6}}, InvalidValueError, "a robot has 4 legs"),
+        ({"robot": {"legs": 6}}, InvalidValueError, "every robot has 4 legs"),
         ({"robot": {"arms": 2}}, UnknownNameError, "unknown number of the robot 'arms'"),
         ({"robot": "nowhere.toml"}, SpidarError, "robot: nowhere.toml cannot be read"),
         ({"robot": 3.0}, InvalidValueError, "robot = 3.0 .* a dictionary"),
