@@ -271,7 +271,7 @@ def test_a_robot_of_ones_own_flies_and_crawls_from_its_file(capfd, here, tmp_pat
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("legs = 6\n", "a robot has 4 legs"),
+        ("legs = 6\n", "every robot has 4 legs"),
         ("max_thrust = 5.0\n", "max_thrust = 5.0 is not valid; expected at least 24.52 N"),
         ("max_thrust\n", "cannot be read"),
     ],
