@@ -93,7 +93,7 @@ def test_a_scenario_is_played_the_same_twice_and_side_by_side(name, monkeypatch)
 
 
 @pytest.mark.parametrize("name", ["course-takeoff", "course-mixed"])
-def test_the_readable_environment_plays_what_the_engine_does(name, monkeypatch):
+def test_python_controllers_score_what_the_engine_does(name, monkeypatch):
     monkeypatch.setitem(TRACKS, name, replace(TRACKS[name], seconds=6.0))
     scenario = load_scenarios(name)[0][1]
     native, readable = (metrics(Rule(), name, scenario, control=control) for control in ("core", "python"))

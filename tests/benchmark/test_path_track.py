@@ -108,7 +108,7 @@ def test_a_scenario_is_played_the_same_twice_and_side_by_side(monkeypatch):
 
 
 @pytest.mark.parametrize("index", [1, 2])
-def test_the_readable_environment_plays_what_the_engine_does(index, monkeypatch):
+def test_python_controllers_score_what_the_engine_does(index, monkeypatch):
     monkeypatch.setitem(TRACKS, TRACK, replace(TRACKS[TRACK], seconds=3.0))
     scenario = load_scenarios(TRACK)[0][index]
     native, readable = (metrics(preset("tuned"), scenario, control=control) for control in ("core", "python"))

@@ -97,7 +97,7 @@ def test_a_copy_of_an_environment_that_was_never_reset_begins_the_same_episodes(
 
 
 @pytest.mark.parametrize(("name", "control"), EVERY)
-def test_what_a_copy_does_moves_nobody_and_closing_one_leaves_the_other_usable(name, control):
+def test_a_copy_does_not_affect_the_original_and_closing_one_leaves_the_other_usable(name, control):
     env = begun(hardest(name, control), ticks=10)
     actions = actions_for(env, 12, seed=2)
     expected = went(pickled(env), actions)

@@ -134,7 +134,7 @@ def test_copies_pickles_and_restored_robots_on_two_threads_continue_bit_for_bit(
 
 
 @pytest.mark.parametrize("own", [False, True])
-def test_what_a_copy_does_moves_nobody_and_closing_one_leaves_the_other_usable(own):
+def test_a_copy_does_not_affect_the_original_and_closing_one_leaves_the_other_usable(own):
     env = vector(HOVER, 3, "SameStep", own=own)
     env.reset(seed=3)
     actions = actions_for(env, 30)
