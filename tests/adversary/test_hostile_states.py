@@ -113,7 +113,7 @@ def _far(r):
         (COURSE, _on_no_path, "manager.knot_count is 0 on a path"),
         (COURSE, _of_tiles, "course.gates do not fit into the boxes and tiles"),
         (CRAWL, _in_a_phase, "crawl.gait.phase is not one of the present step's"), (HOVER, _stuck, "plant.is_stuck"),
-        (HOVER, _mode, "flight.mode differs from config's"), (HOVER, _config, "config.allocator.max_iter is"),
+        (HOVER, _mode, "flight.mode differs from config's"), (HOVER, _config, "config.allocator.max_iter differs"),
         (HOVER, _goal, "current is not one of the goals"), (CRAWL, _stream, "episode.generator has an even increment"),
         (CRAWL, _failure, "episode.failure"), (HOVER, _far, "plant.row has diverged"),
     ],
