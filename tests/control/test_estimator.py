@@ -22,7 +22,7 @@ from spidar_gym.state import Measurement, RobotState
 PERFECT = SensorConfig(factor=0.0, dropout=0.0)
 REAL = SensorConfig()
 FC = np.array(ROBOT.flight_controller)
-TOLD = np.linspace(15.0, 25.0, 8)
+COMMANDED = np.linspace(15.0, 25.0, 8)
 STILL = resting(FORMS["form2"], joint_torque=np.linspace(-5.0, 5.0, 16))
 SEEDS = range(3)
 COUNT = 2 * math.pi / 2**12
@@ -124,7 +124,7 @@ def follow(motion, config=PERFECT, seconds=4.0, seed=0, blind=(0.0, 0.0), wrong=
             if blind[0] < state.time <= blind[1]:
                 measurement = replace(measurement, pose_count=0)
             truth.append(state)
-            seen.append(estimator.update(measurement, TOLD))
+            seen.append(estimator.update(measurement, COMMANDED))
     own = estimator.memory
     return Flight(
         np.array([state.time for state in truth]),
@@ -174,7 +174,7 @@ def said(time, *, imu=(), frame=None, encoder_time=0.0) -> Measurement:
     )
 
 
-def told_late(delay, frame, **gains) -> RobotState:
+def estimate_after_delay(delay, frame, **gains) -> RobotState:
     """Estimate at 0.3 s of a robot at rest that receives one frame of 0.1 s with a delay [s]."""
     estimator = Estimator(EstimatorConfig(**gains))
     estimator.reset(STILL)
@@ -182,7 +182,7 @@ def told_late(delay, frame, **gains) -> RobotState:
     for n in range(1, 61):
         time = 0.005 * n
         due = n == 20 + round(delay / 0.005)
-        seen = estimator.update(said(time, imu=[time], frame=(0.1, *frame) if due else None), TOLD)
+        seen = estimator.update(said(time, imu=[time], frame=(0.1, *frame) if due else None), COMMANDED)
     return seen
 
 
@@ -196,7 +196,7 @@ def midway() -> tuple[Estimator, Measurement]:
         if n % 5 == 0:
             measurement = sensors.read(memory, 0.005 * n)
             if n < 100:
-                estimator.update(measurement, TOLD)
+                estimator.update(measurement, COMMANDED)
     assert measurement.pose_count > 0
     assert measurement.imu_count == 5
     assert measurement.encoder_time > estimator.memory.encoder_time
@@ -267,7 +267,7 @@ def test_a_wrong_start_is_forgotten_within_two_seconds(latency):
 @pytest.mark.parametrize("delay", [0.01, 0.03, 0.06])
 def test_a_late_frame_moves_the_estimate_as_far_as_one_in_time_would_have(delay):
     frame = (STILL.position_w + FC + np.array([0.01, -0.02, 0.03]), np.eye(3))
-    prompt, late = (told_late(after, frame, accelerometer=0.0) for after in (0.0, delay))
+    prompt, late = (estimate_after_delay(after, frame, accelerometer=0.0) for after in (0.0, delay))
     assert np.linalg.norm(prompt.velocity_w) > 0.05
     np.testing.assert_allclose(late.velocity_w, prompt.velocity_w, rtol=0, atol=1e-9)
     np.testing.assert_allclose(late.position_w, prompt.position_w, rtol=0, atol=1e-9)
@@ -276,14 +276,14 @@ def test_a_late_frame_moves_the_estimate_as_far_as_one_in_time_would_have(delay)
 @pytest.mark.parametrize("delay", [0.01, 0.03, 0.06])
 def test_a_late_frame_turns_the_estimate_as_far_as_one_in_time_would_have(delay):
     frame = (STILL.position_w + FC, exp(np.array([0.1, -0.2, 0.05])))
-    prompt, late = (told_late(after, frame, gyro=0.0) for after in (0.0, delay))
+    prompt, late = (estimate_after_delay(after, frame, gyro=0.0) for after in (0.0, delay))
     assert np.abs(prompt.quat_wb[1:]).max() > 5e-3
     np.testing.assert_allclose(late.quat_wb, prompt.quat_wb, rtol=0, atol=1e-9)
 
 
 def test_the_newest_of_the_past_is_the_present():
     estimator, measurement = midway()
-    estimator.update(measurement, TOLD)
+    estimator.update(measurement, COMMANDED)
     memory = estimator.memory
     assert memory.past_time[-1] == memory.time
     np.testing.assert_allclose(memory.past_R_wb[-1], memory.R_wb, rtol=0, atol=1e-12)
@@ -391,12 +391,12 @@ def test_vectoring_angles_and_their_rates_follow_a_swing():
 
 def test_thrust_is_the_commanded_one_and_torque_the_reported_one_at_the_time_of_the_tick():
     estimator, measurement = midway()
-    seen = estimator.update(measurement, TOLD)
-    np.testing.assert_array_equal(seen.thrust, TOLD)
+    seen = estimator.update(measurement, COMMANDED)
+    np.testing.assert_array_equal(seen.thrust, COMMANDED)
     np.testing.assert_array_equal(seen.joint_torque, measurement.joint_torque)
     assert seen.time == measurement.time
     seen.thrust[:] = 0.0
-    assert TOLD.all()
+    assert COMMANDED.all()
 
 
 def test_an_update_is_a_function_of_memory_and_measurement_alone():
@@ -404,10 +404,10 @@ def test_an_update_is_a_function_of_memory_and_measurement_alone():
     twin = Estimator()
     twin.memory = copy.deepcopy(estimator.memory)
     estimator.reset(rest(0.0))
-    estimator.update(said(0.025, imu=[0.005]), TOLD)
+    estimator.update(said(0.025, imu=[0.005]), COMMANDED)
     other = Estimator()
     other.memory = copy.deepcopy(twin.memory)
-    assert equal(twin.update(measurement, TOLD), other.update(measurement, TOLD))
+    assert equal(twin.update(measurement, COMMANDED), other.update(measurement, COMMANDED))
     assert equal(twin.memory, other.memory)
 
 
@@ -417,7 +417,7 @@ def test_an_update_modifies_no_argument_and_returns_copies():
     arrays = [value for value in vars_of(measurement) if isinstance(value, np.ndarray)]
     for array in arrays:
         array.flags.writeable = False
-    seen = estimator.update(measurement, TOLD)
+    seen = estimator.update(measurement, COMMANDED)
     assert equal(measurement, before)
     kept = copy.deepcopy(estimator.memory)
     for value in vars_of(seen):
@@ -439,7 +439,7 @@ def test_a_start_is_copied():
 
 def test_a_reset_forgets_everything():
     estimator, measurement = midway()
-    estimator.update(measurement, TOLD)
+    estimator.update(measurement, COMMANDED)
     estimator.reset(STILL)
     fresh = Estimator()
     fresh.reset(STILL)
@@ -448,8 +448,8 @@ def test_a_reset_forgets_everything():
 
 def test_a_tick_without_measurements_changes_only_its_time():
     estimator, measurement = midway()
-    seen = estimator.update(measurement, TOLD)
-    again = estimator.update(replace(measurement, pose_count=0, imu_count=0), TOLD)
+    seen = estimator.update(measurement, COMMANDED)
+    again = estimator.update(replace(measurement, pose_count=0, imu_count=0), COMMANDED)
     assert equal(seen, again)
 
 

@@ -22,12 +22,12 @@ SPIN = 0.3
 """A joint angle within its range [rad]."""
 
 
-def loaded(plant: Plant, servo: str, torque: float, told: Command, seconds: float = 2.0):
+def loaded(plant: Plant, servo: str, torque: float, commanded: Command, seconds: float = 2.0):
     """State after a torque at one joint for `seconds`; the torque is internal, so the robot does not fly away."""
     dof = plant.model.joint(servo).dofadr[0]
     for _ in range(round(seconds / plant.period)):
         plant.data.qfrc_applied[dof] = torque
-        state = plant.step(told)
+        state = plant.step(commanded)
     plant.data.qfrc_applied[dof] = 0.0
     return state
 
@@ -74,13 +74,13 @@ def test_the_vectoring_delay_comes_on_top_and_delays_the_vectoring_servos_alone(
 
 
 def test_a_robot_with_a_delay_executes_every_command_in_turn():
-    plant, told = floating(substeps=2, delay=0.0225), np.random.default_rng(6).uniform(0, 40, (40, 8))
+    plant, commanded = floating(substeps=2, delay=0.0225), np.random.default_rng(6).uniform(0, 40, (40, 8))
     given = []
-    for thrust in told:
+    for thrust in commanded:
         plant.step(command(thrust))
         given.append(plant.data.ctrl[:8].copy())
     # A delay of 9 physics steps: a command reaches the rotors in the middle of the fifth period.
-    assert np.array_equal(given[4:], told[:-4])
+    assert np.array_equal(given[4:], commanded[:-4])
     assert not np.any(given[:4])
 
 
@@ -154,13 +154,13 @@ def test_under_a_load_a_joint_with_play_rests_half_the_play_farther_than_one_wit
 def test_within_its_play_a_joint_moves_from_edge_to_edge_and_stays_where_it_is_left():
     b, touch = 0.01, 0.2
     slack, tight = floating(backlash=b, q=np.full(16, SPIN)), floating(q=np.full(16, SPIN))
-    told = command(joints=SPIN)
+    commanded = command(joints=SPIN)
     for torque in (touch, -touch, touch):
         for plant, play in ((slack, b), (tight, 0.0)):
-            state = loaded(plant, "joint2_yaw", torque, told, 4.0)
+            state = loaded(plant, "joint2_yaw", torque, commanded, 4.0)
             edge = math.copysign(play + touch / ROBOT.joint_kp, torque)
             np.testing.assert_allclose(state.joint_position[OUTER_YAW] - SPIN, edge, rtol=5e-3)
-            left = loaded(plant, "joint2_yaw", 0.0, told)
+            left = loaded(plant, "joint2_yaw", 0.0, commanded)
             # The spring beyond the play's edge returns; the play itself has no restoring torque.
             away = left.joint_position[OUTER_YAW] - SPIN
             np.testing.assert_allclose(away, math.copysign(play, torque), rtol=0.02, atol=1e-6)

@@ -250,21 +250,21 @@ def test_a_second_configuration_starts_from_the_nominal_body():
 def resting(pose, height, thrust, vectoring=0.0, steps=60, **body) -> tuple[Plant, Command]:
     """A robot at rest on the floor, partly carried by its rotors, and its command."""
     plant = built(**body)
-    told = command(thrust, pose, vectoring)
+    commanded = command(thrust, pose, vectoring)
     start = np.array([0.0, 0.0, height])
-    plant.reset(start, joint_position=pose, vectoring=told.vectoring, thrust=told.thrust)
+    plant.reset(start, joint_position=pose, vectoring=commanded.vectoring, thrust=commanded.thrust)
     for _ in range(steps):
-        plant.step(told)
+        plant.step(commanded)
     assert plant.in_contact
-    return plant, told
+    return plant, commanded
 
 
-def sliding(plant: Plant, told: Command) -> dict[str, float]:
+def sliding(plant: Plant, commanded: Command) -> dict[str, float]:
     """Largest ratio of friction to normal force by geom in contact, while the robot slides after a push."""
     plant.data.qvel[:2] = (0.5, 0.2)
     ratios: dict[str, float] = {}
     for _ in range(60):
-        plant.step(told)
+        plant.step(commanded)
         force = np.zeros(6)
         for k in range(plant.data.ncon):
             mujoco.mj_contactForce(plant.model, plant.data, k, force)
@@ -277,8 +277,8 @@ def sliding(plant: Plant, told: Command) -> dict[str, float]:
 
 @pytest.mark.parametrize("mu", [0.5, 0.8, 1.2])
 def test_a_sliding_foot_is_held_by_its_friction_times_the_normal_force(mu):
-    plant, told = resting(ON_TIPTOE, 0.56, 15.0, foot_friction=mu, peg_friction=0.25)
-    ratios = sliding(plant, told)
+    plant, commanded = resting(ON_TIPTOE, 0.56, 15.0, foot_friction=mu, peg_friction=0.25)
+    ratios = sliding(plant, commanded)
     assert set(ratios) == {f"foot{leg}" for leg in range(1, 5)}
     assert max(ratios.values()) <= mu * (1.0 + 1e-6)
     if mu < 1.0:
@@ -287,8 +287,8 @@ def test_a_sliding_foot_is_held_by_its_friction_times_the_normal_force(mu):
 
 @pytest.mark.parametrize("mu", [0.2, 0.6, 0.8])
 def test_sliding_pegs_are_held_by_their_own_friction(mu):
-    plant, told = resting(FLAT, 0.149, 12.0, foot_friction=1.2, peg_friction=mu)
-    ratios = sliding(plant, told)
+    plant, commanded = resting(FLAT, 0.149, 12.0, foot_friction=1.2, peg_friction=mu)
+    ratios = sliding(plant, commanded)
     assert ratios
     assert set(ratios) <= {f"peg{i}" for i in range(1, 9)}
     np.testing.assert_allclose(max(ratios.values()), mu, rtol=0.02)
@@ -297,8 +297,8 @@ def test_sliding_pegs_are_held_by_their_own_friction(mu):
 @pytest.mark.parametrize("mu", [0.2, 0.6])
 def test_sliding_ducts_are_held_by_the_friction_of_pegs_ducts_and_torso(mu):
     sideways = np.array([math.pi / 2, 0.0])
-    plant, told = resting(FLAT, 0.23, 1.0, sideways, 200, foot_friction=1.2, peg_friction=mu)
-    ratios = sliding(plant, told)
+    plant, commanded = resting(FLAT, 0.23, 1.0, sideways, 200, foot_friction=1.2, peg_friction=mu)
+    ratios = sliding(plant, commanded)
     assert any("module" in name for name in ratios)
     assert max(ratio for name, ratio in ratios.items() if "module" in name) <= mu * (1.0 + 1e-6)
 

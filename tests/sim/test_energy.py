@@ -160,10 +160,10 @@ def test_the_energy_of_a_flight_is_the_integral_of_its_power():
         plant, rng = Plant(PlantConfig(substeps=substeps)), np.random.default_rng(RNG_SEED)
         plant.reset(HIGH, thrust=np.full(8, 10.0))
         for _ in range(40):
-            told = command(rng.uniform(5.0, 35.0), rng.uniform(-0.5, 0.5))
+            commanded = command(rng.uniform(5.0, 35.0), rng.uniform(-0.5, 0.5))
             for _ in range(10 // substeps):
                 before = plant.energy_wh
-                state = plant.step(told)
+                state = plant.step(commanded)
                 if substeps == 1:
                     step = electrical_power(state.thrust, state.joint_torque, state.joint_velocity) * 0.0025 / 3600
                     np.testing.assert_allclose(plant.energy_wh - before, step, rtol=1e-9)

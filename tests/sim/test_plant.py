@@ -93,12 +93,12 @@ def test_thrust_has_completed_63_percent_of_a_step_after_30_ms():
     np.testing.assert_allclose(thrust, 25.0 - 20.0 * math.exp(-1.0), rtol=1e-9)
 
 
-@pytest.mark.parametrize(("idle", "told", "given"), [(0.0, 99.0, 42.0), (0.0, -9.0, 0.0), (1.2, 0.0, 1.2)])
-def test_thrust_settles_within_idle_and_42_newton(idle, told, given):
+@pytest.mark.parametrize(("idle", "commanded", "given"), [(0.0, 99.0, 42.0), (0.0, -9.0, 0.0), (1.2, 0.0, 1.2)])
+def test_thrust_settles_within_idle_and_42_newton(idle, commanded, given):
     plant = Plant(PlantConfig(idle_thrust=idle))
     plant.reset(HIGH, thrust=np.full(8, 20.0))
     for _ in range(40):
-        thrust = plant.step(command(told)).thrust
+        thrust = plant.step(command(commanded)).thrust
         assert thrust.max() <= 42.0
     np.testing.assert_allclose(thrust, given, rtol=0, atol=1e-9)
 
@@ -152,10 +152,10 @@ def test_each_joint_has_its_own_torque_limit():
 
 def test_a_torque_limit_that_is_written_in_place_is_obeyed_too():
     plant = weightless(joint_speed=10.0)
-    told = command(joints=1.0)
-    plant.step(told)
-    told.joint_torque_limit[:] = 2.0
-    assert np.abs(plant.step(told).joint_torque).max() <= 2.0
+    commanded = command(joints=1.0)
+    plant.step(commanded)
+    commanded.joint_torque_limit[:] = 2.0
+    assert np.abs(plant.step(commanded).joint_torque).max() <= 2.0
 
 
 def test_vectoring_turns_without_end_and_within_its_torque():

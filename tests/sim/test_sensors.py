@@ -92,11 +92,11 @@ def tumble(seconds, *, tumbling=True, config=PERFECT, substeps=2, seed=0, **othe
     rng = np.random.default_rng(seed + 100)
     states = [plant.reset(HIGH, ASKEW, rng=np.random.default_rng(seed))]
     said = [plant.measure()]
-    told = command()
+    commanded = command()
     for k in range(round(seconds / plant.period)):
         if k % 20 == 0:
-            told = command(rng if tumbling else None)
-        states.append(plant.step(told))
+            commanded = command(rng if tumbling else None)
+        states.append(plant.step(commanded))
         said.append(plant.measure())
     return states, said
 
@@ -282,14 +282,14 @@ def test_an_encoder_with_a_zero_offset_indicates_the_commanded_angle_and_the_tru
     plant.model.opt.gravity[:] = 0.0
     q = FORMS["form2"]
     plant.reset(HIGH, joint_position=q, rng=rng)
-    told = replace(command(), joint_position=q)
+    commanded = replace(command(), joint_position=q)
     for _ in range(4):
         state, said = plant.state(), plant.measure()
         np.testing.assert_allclose(state.joint_position, q + joint, rtol=0, atol=1e-6)
         np.testing.assert_allclose(state.vectoring, vectoring, rtol=0, atol=1e-6)
         assert np.all(np.abs(said.joint_position - q) < 0.502 * JOINT_STEPS)
         assert np.all(np.abs(said.vectoring) < 0.502 * VECTORING_STEPS)
-        plant.step(told)
+        plant.step(commanded)
 
 
 # Noise --------------------------------------------------------------------------------------------------------------
@@ -425,10 +425,10 @@ def test_a_seed_gives_the_same_measurements_and_another_seed_others():
 def test_measuring_does_not_change_the_motion():
     sensing, blind = Plant(PlantConfig(sense=True, aero=VACUUM)), Plant(PlantConfig(aero=VACUUM))
     rng = np.random.default_rng(0)
-    told = [command(rng) for _ in range(20)]
+    commanded = [command(rng) for _ in range(20)]
     for plant in (sensing, blind):
         plant.reset(HIGH, ASKEW, rng=np.random.default_rng(1))
-    for each in told:
+    for each in commanded:
         a, b = sensing.step(each), blind.step(each)
         sensing.measure()
         assert all(np.array_equal(x, y) for x, y in zip(asdict(a).values(), asdict(b).values(), strict=True))

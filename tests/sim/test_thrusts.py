@@ -190,14 +190,14 @@ def test_a_rising_thrust_has_completed_63_percent_of_a_step_after_one_time_const
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 1.5])
 def test_a_falling_thrust_has_its_own_time_constant_from_the_second_evaluation_on(factor):
-    lag, told = 0.04, np.repeat([5.0, 30.0], 4)
+    lag, commanded = 0.04, np.repeat([5.0, 30.0], 4)
     plant = floating(substeps=AIR_STEPS, thrust_lag=lag, spin_down=factor, thrust=np.full(8, 20.0))
-    away = [np.abs(plant.step(command(told)).thrust - told) for _ in range(6)]
+    away = [np.abs(plant.step(command(commanded)).thrust - commanded) for _ in range(6)]
     falling, rising = np.array(away)[:, 0], np.array(away)[:, -1]
     np.testing.assert_allclose(falling[1:] / falling[:-1], math.exp(-AIR_PERIOD / (lag * factor)), rtol=1e-9)
     np.testing.assert_allclose(rising[1:] / rising[:-1], math.exp(-AIR_PERIOD / lag), rtol=1e-9)
     # A thrust that rises again has the other time constant after one evaluation.
-    before = plant.step(command(told)).thrust[0]
+    before = plant.step(command(commanded)).thrust[0]
     turned = [plant.step(command(25.0)).thrust[0] for _ in range(3)]
     gone = (25.0 - np.array([before, *turned[:-1]])) / (25.0 - np.array(turned))
     np.testing.assert_allclose(gone[1:], math.exp(AIR_PERIOD / lag), rtol=1e-9)
@@ -225,9 +225,9 @@ def test_half_of_the_power_of_the_noise_is_below_its_corner_frequency():
 
 def test_the_noise_is_a_force_along_the_thrust_of_that_standard_deviation_and_free_of_drift():
     sigma, plant = 0.4, floating(kind=reference.Plant, thrust_noise=0.4, vectoring=np.tile([0.6, 0.0], (8, 1)))
-    samples, told = [], command(vectoring=np.array([0.6, 0.0]))
+    samples, commanded = [], command(vectoring=np.array([0.6, 0.0]))
     for _ in range(200):
-        plant.step(told)
+        plant.step(commanded)
         air = plant.memory.air
         _, axes = plant_axes(plant)
         pulled = air.forces_w[:16].reshape(8, 2, 3).sum(axis=1)

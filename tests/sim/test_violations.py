@@ -44,14 +44,14 @@ def test_python_controllers_and_the_vector_have_the_costs_of_the_engine(name, op
     one, other = (played(name, 60, control, **given) for control in ("core", "python"))
     assert len(one) == len(other)
     vector = gymnasium.make_vec(name, 2, autoreset_mode="Disabled", **given)
-    _, told = vector.reset(seed=[0, 1])
+    _, batch = vector.reset(seed=[0, 1])
     rng, total = np.random.default_rng(0), 0.0
     for a, b in zip(one, other, strict=True):
         for key in KEYS:
-            assert a[key] == b[key] == told[key][0]
+            assert a[key] == b[key] == batch[key][0]
         total += a["cost"]
         action = rng.uniform(-1.0, 1.0, vector.single_action_space.shape)
-        *_, told = vector.step(np.stack([action, action]))
+        *_, batch = vector.step(np.stack([action, action]))
     assert total > 0.0
 
 

@@ -425,8 +425,8 @@ def test_a_stuck_rotor_thrusts_along_the_direction_in_which_it_is_stuck(turned, 
 def test_a_declared_fault_of_no_rotor_changes_no_bit():
     states, reference = flight(7, 5)
     none = replace(reference, lost_thrust=np.zeros(8, bool), lost_vectoring=np.zeros(8, bool))
-    plain, told = (commands(controller_at(HOVER), states, r) for r in (reference, none))
-    assert all(map(same, plain, told))
+    plain, declared = (commands(controller_at(HOVER), states, r) for r in (reference, none))
+    assert all(map(same, plain, declared))
 
 
 # Integrals
