@@ -178,7 +178,7 @@ class Stage(Drawn):
         self._boxes = np.flatnonzero(
             (self._model.geom_bodyid == 0) & (self._model.geom_type == mujoco.mjtGeom.mjGEOM_BOX)
         )
-        self._opacity = dict.fromkeys(self._boxes.tolist(), 1.0)
+        self._opacity: dict[int, float] = {}
 
     def render(
         self,
@@ -249,7 +249,9 @@ class Stage(Drawn):
             self._data.geom_xmat[self._boxes].reshape(-1, 3, 3), self._model.geom_size[self._boxes],
         )  # fmt: skip
         for box, hide in zip(self._boxes.tolist(), hides.tolist(), strict=True):
-            self._opacity[box] += EASE * ((FADED if hide else 1.0) - self._opacity[box])
+            wanted = FADED if hide else 1.0
+            before = self._opacity.get(box, wanted)  # the first picture begins with what is wanted
+            self._opacity[box] = before + EASE * (wanted - before)
         for geom in (self._picture.geoms[k] for k in range(self._picture.ngeom)):
             if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM and geom.objid in self._opacity:
                 geom.rgba[3] *= self._opacity[geom.objid]

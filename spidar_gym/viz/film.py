@@ -151,7 +151,7 @@ class Film:
                 stages.append(Stage(camera, width, height, take.ground, take.robot))
             for number in frames(range(length(takes))):
                 time = takes[0].pace * (number + 1) / FPS
-                frame = np.hstack([_picture(take, stage, time) for take, stage in zip(takes, stages, strict=True)])
+                frame = np.hstack([picture(take, stage, time) for take, stage in zip(takes, stages, strict=True)])
                 strip.over(frame, time)
                 self._writer.append_data(_write(frame, takes, strip, time))
         finally:
@@ -246,7 +246,7 @@ def course_traces(qpos: np.ndarray, thrust_fraction: np.ndarray, charge: np.ndar
     }
 
 
-def _picture(take: Take, stage: Stage, time: float) -> np.ndarray:
+def picture(take: Take, stage: Stage, time: float) -> np.ndarray:
     """The robot at a time [s], between two ticks if need be; after its end it stays where it was."""
     place = float(np.interp(time, take.time, np.arange(len(take.time))))
     first = math.floor(place)

@@ -26,6 +26,8 @@ from spidar_gym.sim.stage import Stage, cog, extent, standing
 from spidar_gym.tasks.course import DECIDE
 from spidar_gym.viz.courses import gate_figure, way_figure, way_of
 from spidar_gym.viz.figures import ablation_figure, crawl_figure, flight_figure, speed_figure, step_figure
+from spidar_gym.viz.film import Take, crawl_take, flight_take
+from spidar_gym.viz.reel import Cut, write_reel
 from spidar_gym.viz.stills import Shot, crawl_strip, forms_picture, strip, write_strip
 
 SIZE = 480, 340
@@ -41,6 +43,8 @@ COURSE_SEED = 2
 """The drawn course of the figure and of the guide's film: a wall, a beam, a slot, a platform."""
 AROUND = 0.2, 0.8, 0.15, 0.75
 """Left, right, bottom, top of what holds the robot there, as shares of a picture."""
+REEL = "spidar"
+"""Name of the animated picture."""
 FLIGHT_SHOTS = {"form ①": 3.0, "form ③": 26.0, "constraint dropped": 30.0}
 """Moments of the paper's flight [s]."""
 
@@ -63,6 +67,7 @@ def gallery() -> dict[str, Callable[[Path], object]]:
     }
     drawings |= {f"environment-{name.split('/')[1]}": partial(cameras, name) for name in ENVIRONMENTS}
     drawings["environment-Course-v0"] = course_strip
+    drawings[REEL] = reel
     drawings |= {f"track-{name}": partial(track_strip, name) for name in TRACKS}
     drawings |= {f"preset-{name}": partial(flight_strip, name) for name in PRESETS}
     drawings |= {
@@ -82,6 +87,9 @@ def draw(name: str, folder: Path) -> Path:
     """Draw one picture of the gallery, small enough for a page (`MissingDependencyError` without OpenGL)."""
     from PIL import Image
 
+    if name == REEL:
+        reel(folder / f"{name}.gif")
+        return folder / f"{name}.gif"
     path = folder / f"{name}.png"
     gallery()[name](path)
     with Image.open(path) as image:
@@ -176,6 +184,29 @@ def track_strip(track: str, path: Path) -> None:
     shots = [Shot(f"{tick / CONTROL_RATE:.0f} s", *rows[tick]) for tick in ticks]
     strip(shots, path, size=SIZE, ground=env.plant.config.ground)
     env.close()
+
+
+def reel(path: Path) -> None:
+    """The animated picture of README: the paper's flight, a crawl, and a course with the rule."""
+    flight, crawl = flight_take(fly_paper("as_flown", noise=True)), crawl_take(crawl_paper("overlapped", noise=True))
+    env = _on_course(1, sensors=True, randomization=0.5)
+    rows = _go(env, COURSE_SEED)
+    qpos, time = np.array([q for q, *_ in rows]), np.arange(1, len(rows) + 1) / CONTROL_RATE
+    thrust = np.array([info["thrust"] for _, info, _ in rows])
+    phases, ground = [info["phase"] for _, info, _ in rows], env.plant.config.ground
+    course = Take("course", time, qpos, thrust, phases, {}, ground=ground)
+    cuts = [
+        Cut("flies, and changes its form", flight, 3.5, 14.0, 4.0),
+        Cut("crawls on its feet, half its weight on its rotors", crawl, 1.0, 12.0, 4.0),
+    ]
+    words = {"wall": "over a wall", "beam": "under a beam", "slot": "through a slot", "platform": "onto a platform"}
+    for gate in env.course.gates:
+        if gate.kind in words:
+            middle = float(time[int(np.abs(qpos[:, 0] - 0.5 * (gate.begin + gate.end)).argmin())])
+            start, end = max(0.1, middle - 6.0), min(middle + 4.0, float(time[-1]))
+            cuts.append(Cut(words[gate.kind], course, start, end, 6.0, "chase"))
+    env.close()
+    write_reel(cuts, path)
 
 
 def flight_strip(preset: str, path: Path) -> None:

@@ -140,18 +140,21 @@ def test_a_box_that_hides_the_robot_from_a_camera_that_follows_fades_and_comes_b
     for ground in (GroundConfig(), GroundConfig(boxes=boxes)):
         stage = Stage("chase", 320, 180, ground)
         try:
-            pictures = [stage.render(qpos_at(1.0)).astype(int) for _ in range(60)]
-            away = qpos_at(1.0) + np.eye(len(qpos_at(1.0)))[0] * 6.0
-            later = [stage.render(away) for _ in range(60)][-1]
+            here, away = qpos_at(1.0), qpos_at(1.0) + np.eye(len(qpos_at(1.0)))[0] * 6.0
+            stage.render(away)
+            pictures = [stage.render(here).astype(int) for _ in range(60)]
+            for _ in range(60):
+                stage.render(away)
+            pictures.append(stage.render(here).astype(int))
         finally:
             stage.close()
         # The feet are the only orange things; a wall before them takes their colour away.
-        feet.append([int(((p[..., 0] - p[..., 2]) > 60).sum()) for p in (pictures[0], pictures[-1], later)])
-    (clear, still_clear, _), (at_first, faded, _) = feet
-    assert clear == still_clear > 20
-    assert at_first < 0.5 * clear
+        feet.append([int(((p[..., 0] - p[..., 2]) > 60).sum()) for p in (pictures[0], pictures[-2], pictures[-1])])
+    (clear, *others), (at_first, faded, later) = feet
+    assert others == [clear, clear]
+    assert clear > 20
+    assert max(at_first, later) < 0.5 * clear
     assert faded > 0.8 * clear
-    assert stage._opacity[stage._boxes[0]] == pytest.approx(1.0, abs=0.01)
 
 
 def test_the_camera_that_stands_sees_the_whole_way_as_near_as_the_window_allows():
