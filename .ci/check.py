@@ -56,6 +56,7 @@ CHECKS: dict[str, list[str]] = {
     "format": ["ruff", "format", "--check", "."],
     "lint": ["ruff", "check", "."],
     "import layers": ["lint-imports"],
+    "words": ["python", str(Path(".ci", "words.py"))],
     "generated files": ["spidar", "assets", "--check"],
 }
 # Sphinx's warnings and broken links are errors; no network is used.
