@@ -243,7 +243,7 @@ def test_no_mutated_artifact_gets_past_the_border_but_as_a_policy_that_acts(quic
         ({"arguments": {"controller": {"mass": 1}}}, "unknown argument of the environment 'controller'"),
         ({"interface": {"observation": 5, "action": 6}}, "is int, not a list"),
         ({"clip": float("nan")}, "not finite"),
-        ({"doc": "a\nb"}, "its doc is no line"),
+        ({"doc": "a\nb"}, "its doc is not a line"),
         ({"name": "x" * 10_000}, "its name is no line"),
     ],
 )

@@ -169,7 +169,7 @@ def test_every_option_of_reset_is_documented(name):
     options = str(refusal.value).partition("valid: ")[2].split(", ")
     assert options
     (call,) = re.findall(r"`reset\(options=(.*?)\)`", text)
-    (others,) = re.findall(r"So does each of (.*?) as an option", text)
+    (others,) = re.findall(r"Each of (.*?) is an option", text)
     assert list(dict.fromkeys(re.findall(r"'(\w+)':", call) + re.findall(r"`(\w+)`", others))) == options
 
 

@@ -190,7 +190,7 @@ def test_seeds_are_those_of_gymnasiums_own_vectors():
         (lambda env: env.step(np.full((3, 6), np.nan)), "finite numbers"),
         (lambda env: env.reset(seed=[1, 2]), "or 3 of them"),
         (lambda env: env.reset(options={"reset_mask": np.ones(2, bool)}), "3 flags"),
-        (lambda env: env.reset(options={"reset_mask": np.zeros(3, bool)}), "one of them at least"),
+        (lambda env: env.reset(options={"reset_mask": np.zeros(3, bool)}), "at least one of them"),
         (lambda env: env.reset(options={"reset_mask": np.ones(3)}), "3 flags"),
     ],
 )

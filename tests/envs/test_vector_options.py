@@ -212,7 +212,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "an unknown option": ({"options": {"form": "form1"}}, "did you mean forms"),
     "a mask of another length": ({"options": {"reset_mask": np.ones(2, bool)}}, "3 flags"),
     "a mask of numbers": ({"options": {"reset_mask": np.ones(3)}}, "3 flags"),
-    "an empty mask": ({"options": {"reset_mask": [False] * 3}}, "one of them at least"),
+    "an empty mask": ({"options": {"reset_mask": [False] * 3}}, "at least one of them"),
     "too few disturbances": ({"options": {"disturbances": [{}, {}]}}, "a list of 3"),
     "one bad wind": ({"options": {"disturbances": [{}, {"wind": -1.0}, {}]}}, "at least 0"),
     "too many forms": ({"options": {"forms": ["form1"] * 4}}, "a list of 3"),
