@@ -22,7 +22,7 @@ def format_table(lines: Sequence[Sequence[str]], *, left: int | None = None, mar
 
 
 def markdown_rows(heading: str, rows: Iterable[Sequence[str]]) -> str:
-    """Format a table in Markdown; the cells of `heading` are separated by ` | `."""
+    """Format a table in Markdown; the cells of `heading` are separated by a vertical bar between blanks."""
     return format_table([heading.split(" | "), *rows], markdown=True)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from spidar_gym.cli.console import Terminated, kept, run_cli
+from spidar_gym.console import Terminated, kept, run_cli
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.processes import LostWorkerError, Pool, cpu_count
 

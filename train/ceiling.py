@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 
 from spidar_gym.arrays import JointVector, Wrench
-from spidar_gym.cli.console import progress, run_cli
+from spidar_gym.console import progress, run_cli
 from spidar_gym.control.flight.compensation import CompensationMemory
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.flight.memory import ControlState

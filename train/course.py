@@ -17,7 +17,7 @@ import numpy as np
 
 from spidar_gym.benchmark.evaluate import play
 from spidar_gym.benchmark.track import TRACKS, find_track
-from spidar_gym.cli.console import run_cli
+from spidar_gym.console import run_cli
 from spidar_gym.control.course.observation import course_layout
 from spidar_gym.control.course.target import ACTION
 from spidar_gym.control.flight.controller import CONTROL_RATE

@@ -16,7 +16,7 @@ from tqdm import tqdm
 from spidar_gym import __version__
 from spidar_gym.benchmark.row import BASES
 from spidar_gym.benchmark.track import BOTH, FLIGHT, GROUND, TRACKS
-from spidar_gym.cli.console import run_cli
+from spidar_gym.console import run_cli
 from spidar_gym.control.presets import FORMER_PRESETS, PRESETS
 from spidar_gym.errors import SpidarError, require_least
 from spidar_gym.files import json_text, write_text

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spidar_gym.benchmark.track import HOVER, TRACKS, find_track
-from spidar_gym.cli.console import kept, run_cli
+from spidar_gym.console import kept, run_cli
 from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.files import output_folder
 from spidar_gym.policies import torso

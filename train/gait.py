@@ -18,7 +18,7 @@ import numpy as np
 
 from spidar_gym.benchmark.evaluate import play
 from spidar_gym.benchmark.track import CRAWL, TRACKS, find_track
-from spidar_gym.cli.console import run_cli
+from spidar_gym.console import run_cli
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.control.flight.controller import CONTROL_RATE

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import tyro
 
-from spidar_gym.cli.console import progress, run_cli
+from spidar_gym.console import progress, run_cli
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.control.presets import CRAWL_PRESETS, FORMER_CRAWL_PRESETS, FORMER_PRESETS, PRESETS

@@ -23,7 +23,7 @@ import numpy as np
 
 from spidar_gym.benchmark.scenario import draw_scenario_from, reset_options
 from spidar_gym.benchmark.track import HOVER, TRACKS, find_track
-from spidar_gym.cli.console import kept, run_cli
+from spidar_gym.console import kept, run_cli
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.errors import InvalidValueError, require_least

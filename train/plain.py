@@ -13,7 +13,7 @@ import gymnasium
 import tyro
 
 from spidar_gym.benchmark.track import HOVER
-from spidar_gym.cli.console import run_cli
+from spidar_gym.console import run_cli
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import require_least
 from spidar_gym.files import output_folder

@@ -12,7 +12,7 @@ from typing import Any
 import tyro
 
 from spidar_gym.benchmark.track import find_track
-from spidar_gym.cli.console import run_cli
+from spidar_gym.console import run_cli
 from spidar_gym.files import refresh
 from train.residual import PRESETS
 from train.residual import Args as Settings

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from spidar_gym.cli.console import kept, run_cli
+from spidar_gym.console import kept, run_cli
 from spidar_gym.policies import torso
 from spidar_gym.policies.artifact import Artifact, LearnedPolicy
 from spidar_gym.processes import cpu_count

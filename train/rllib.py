@@ -16,7 +16,7 @@ import gymnasium
 import numpy as np
 import tyro
 
-from spidar_gym.cli.console import run_cli
+from spidar_gym.console import run_cli
 from spidar_gym.errors import MissingDependencyError, require_least
 
 FRACTION = 0.1

@@ -16,10 +16,10 @@ import gymnasium
 import numpy as np
 import tyro
 
+from spidar_gym.arguments import Flag
 from spidar_gym.benchmark.track import CRAWL, HOVER
-from spidar_gym.cli.arguments import Flag
 from spidar_gym.cli.bench import machine
-from spidar_gym.cli.console import run_cli
+from spidar_gym.console import run_cli
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import require_above, require_least, require_name
 from spidar_gym.files import json_text

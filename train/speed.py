@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import tyro
 
-from spidar_gym.cli.arguments import Flag
+from spidar_gym.arguments import Flag
 from spidar_gym.cli.bench import ROUNDS, machine
-from spidar_gym.cli.console import named_steps, progress, run_cli
+from spidar_gym.console import named_steps, progress, run_cli
 from spidar_gym.errors import require_above
 from spidar_gym.files import json_text
 from spidar_gym.native.bare import BarePhysics

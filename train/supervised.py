@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from spidar_gym.benchmark.track import HOVER, find_track
-from spidar_gym.cli.console import kept, run_cli
+from spidar_gym.console import kept, run_cli
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.errors import InvalidValueError, require_least

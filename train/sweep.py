@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import tyro
 
 from spidar_gym.benchmark.cluster import cluster
-from spidar_gym.cli.console import run_cli
+from spidar_gym.console import run_cli
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_name
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.processes import cpu_count

@@ -1,1 +1,1 @@
-"""The command `spidar`: a file a command."""
+"""The command line `spidar`, with one module per command."""

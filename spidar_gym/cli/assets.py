@@ -1,8 +1,8 @@
-"""`spidar assets`: everything that is generated, and the library that is compiled from it."""
+"""`spidar assets`: write all generated files and compile the library."""
 
 from pathlib import Path
 
-from spidar_gym.cli.arguments import Flag
+from spidar_gym.arguments import Flag
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, StaleAssetError
 from spidar_gym.files import refresh, whole_file
 from spidar_gym.native.codegen.committed import OSQP, committed_files, leftovers, other_osqp
@@ -15,12 +15,12 @@ from spidar_gym.robot.description import assets_dir, generated_files, robot_file
 
 
 def assets(check: Flag = False, robot: Path | None = None, out: Path | None = None) -> None:
-    """Write the generated files (MJCF, URDF, tables, C) and compile the library.
+    """Write the generated files (MJCF, URDF, tables, C) and compile the C library.
 
     Args:
-        check: Write nothing; fail when a committed file or the compiled library is stale.
-        robot: TOML file of a robot of one's own: its MJCF and URDF are written into `out`, and nothing else.
-        out: Folder of these.
+        check: Write nothing; fail if a committed file or the compiled library is stale.
+        robot: TOML file of a custom robot; only its MJCF and URDF are written, into the folder --out.
+        out: Folder for the MJCF and URDF of --robot.
     """
     if (robot is None) != (out is None) or (robot is not None and check):
         raise InvalidValueError(
@@ -35,7 +35,7 @@ def assets(check: Flag = False, robot: Path | None = None, out: Path | None = No
         return
     root = assets_dir()
     files = {root / name: text for name, text in generated_files().items()}
-    written = refresh(files, BUILD, check=check)  # first: what follows is generated from the MJCF
+    written = refresh(files, BUILD, check=check)  # first, since the C sources are generated from the MJCF
     native = committed_files() | {"spidar_policy.h": policy_header(None)}
     old = leftovers(native)
     if check and old:

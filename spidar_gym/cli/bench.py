@@ -1,4 +1,4 @@
-"""`spidar bench`: where the time of a control tick and of an environment step goes, on this machine."""
+"""`spidar bench`: measure the time of a control tick and of an environment step, part by part, on this machine."""
 
 import platform
 import time
@@ -32,34 +32,37 @@ KINDS: dict[str, dict[str, Any]] = {
     "Course, on the floor": {"id": COURSE, "action_mode": "residual", "gates": ("beam",), "count": (1, 1)},
     "Course, in the air": {"id": COURSE, "action_mode": "residual", "gates": ("wall", "slot")},
 }
-"""Environments whose engine is timed beside the bare physics of the same robots; on courses they go by the rule."""
+"""Environments whose engine is timed beside the bare physics of the same robots.
+
+On a course, zero actions follow the targets of the rule, `course_rule`.
+"""
 CROWDS = ((1, 1), (64, 1), (64, 2), (256, 1), (256, 2))
-"""How many robots on how many threads; one alone is `gymnasium.make`'s environment."""
+"""Numbers of robots and threads; a single robot is an environment of `gymnasium.make`."""
 PARTS = 9 + len(KINDS) * len(CROWDS)
-"""Parts of `run_bench`."""
+"""Number of progress steps of `run_bench`."""
 PAIRS: dict[str, dict[str, Any]] = {
     "independent": {"forms": "independent"},
     "narrow": {"forms": "narrow"},
     "fast, tuned": {"forms": "independent", "preset": "tuned", "joint_speed": 1.0},
     "crawl": {"id": "spidar_gym/Crawl-v0", "distance": 0.6, "direction": 0.0, "turn": 0.0},
 }
-"""Environments that both controllers are timed in, one after the other in the same run."""
+"""Environments in which the Python and the compiled controller are timed in turn, in the same run."""
 ROUNDS = 5
-"""How often each of those that are compared has its turn."""
+"""Repetitions of each of `PAIRS`."""
 TURNS = 31
-"""How often engine and bare physics have their turn: short ones, since the speed of a machine changes in a second."""
+"""Repetitions of engine and bare physics, each short, since the speed of a machine changes within a second."""
 WARM, HOT = 60, 20
-"""Control steps before anything is timed, and of the simulation that stays in the cache."""
+"""Control steps before timing, and timed control steps of the simulation that stays in the cache."""
 CLIMB = 240
-"""Control steps before anything is timed of robots that have to take off first."""
+"""Control steps before timing of robots that have to take off first."""
 HARD_STATES = 400
-"""How many hard states the solver is timed on."""
+"""Number of hard states on which the solver is timed."""
 
 
 def measure(
     function: Callable[[], object], *, seconds: float = 0.5, before: Callable[[], object] = lambda: None
 ) -> dict[str, float]:
-    """Call `function` again and again for about `seconds` and report the durations, those of `before` left out."""
+    """Call `function` repeatedly for about `seconds` and summarise its durations, without those of `before`."""
     durations = []
     before()
     function()
@@ -73,13 +76,13 @@ def measure(
 
 
 def summary(durations: list[float]) -> dict[str, float]:
-    """Median, 99th percentile and minimum of durations [s], in µs."""
+    """Return median, 99th percentile and minimum [µs] of durations [s]."""
     us = 1e6 * np.array(durations)
     return {"median": float(np.median(us)), "p99": float(np.percentile(us, 99)), "best": float(us.min())}
 
 
 def hard_demands(rng: np.random.Generator, count: int) -> list[Demand]:
-    """Demands with wide wrenches in random forms: many active rows, some of them infeasible."""
+    """Sample demands with large wrenches in random forms: many active constraints, some demands infeasible."""
     controller = FlightController(ControllerConfig(allocation="paper"))
     demands = []
     for _ in range(count):
@@ -95,7 +98,10 @@ def hard_demands(rng: np.random.Generator, count: int) -> list[Demand]:
 
 
 def run_bench(*, seconds: float = 0.5, on_step: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
-    """All figures as one dictionary; keys end in their unit, µs unless they say otherwise."""
+    """Run all measurements and return them as one dictionary.
+
+    The names of times end in their unit; median, 99th percentile and minimum below a name share this unit.
+    """
     spidar_gym.envs.registry.register()
     result: dict[str, Any] = {"machine": machine()}
     on_step("reference")
@@ -122,9 +128,9 @@ def run_bench(*, seconds: float = 0.5, on_step: Callable[[str], None] = lambda _
 def _crowd(
     name: str, arguments: dict[str, Any], robots: int, threads: int, seconds: float, on_step: Callable[[str], None]
 ) -> dict[str, Any]:  # fmt: skip
-    """Robots in the engine, their bare physics, and one simulation that stays in the cache, in turn: µs a control step.
+    """Time the engine, the bare physics of its robots, and one simulation that stays in the cache, in turn.
 
-    Zero actions, without the resets; medians over `TURNS`.
+    Actions are zero and resets are not timed. Times are per control step of a robot [µs], medians over `TURNS`.
     """
     on_step(f"{name}, robots: {robots}, threads: {threads}")
     alone: Any = gymnasium.make(**arguments).unwrapped
@@ -160,14 +166,14 @@ def _crowd(
 
 
 def _time(work: Callable[[], object], steps: int) -> tuple[float, float]:
-    """Wall and CPU time of a step [µs]."""
+    """Return wall and CPU time of a step [µs]."""
     wall, cpu = time.perf_counter(), time.process_time()
     work()
     return 1e6 * (time.perf_counter() - wall) / steps, 1e6 * (time.process_time() - cpu) / steps
 
 
 def engine_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """The table of the engine: what it takes beside the bare physics of the same robots."""
+    """Return the table of the engine's times beside those of the bare physics of the same robots."""
     lines = [
         ["", "robots", "threads", "steps/s", "engine [µs]", "bare physics [µs]", "of bare", "of hot", "2nd thread"]
     ]
@@ -224,7 +230,7 @@ def _form(preset_name: str, form: str, seconds: float) -> dict[str, Any]:
 
 
 def _hard() -> dict[str, Any]:
-    """Every hard state once, after one round that warms the caches."""
+    """Time the allocation once for every hard state, after one round that warms the caches."""
     demands = hard_demands(np.random.default_rng(0), HARD_STATES)
     allocator = Allocator(find_allocation("paper"))
     mode = allocator.modes["flight"]
@@ -252,13 +258,13 @@ def _hard() -> dict[str, Any]:
 
 
 def _rate(env: gymnasium.Env, ticks: int) -> float:
-    """Steps of an episode a second, reset and the first tick left out."""
+    """Return the environment steps per second of an episode, without reset and first tick."""
     times = [step.seconds for step in rollout(env, seed=1, ticks=1 + ticks)]
     return ticks / sum(times[1:])
 
 
 def _core(seconds: float) -> dict[str, Any]:
-    """The compiled core: a whole tick through Python, and environments with either controller, in turn."""
+    """Time a tick of the compiled core called from Python, and environments with either controller in turn."""
     env: Any = gymnasium.make("spidar_gym/Hover-v0", control="core", **PAIRS["narrow"]).unwrapped
     env.reset(seed=0)
     seen, reference, controller = env.seen, env.reference(), env.controller
@@ -282,7 +288,7 @@ def _core(seconds: float) -> dict[str, Any]:
 
 
 def machine(*more: str) -> dict[str, str]:
-    """Processor, Python and the packages that the figures depend on, and `more` of them."""
+    """Return the processor, and the versions of Python, of packages that affect the times, and of `more` packages."""
     packages = ("gymnasium", "mujoco", "numpy", "osqp", "pin", *more)
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
@@ -293,7 +299,7 @@ def machine(*more: str) -> dict[str, str]:
 
 
 def part_lines(result: dict[str, Any]) -> list[list[str]]:
-    """The table of a control tick's parts in the readable controller."""
+    """Return the table of the times of a control tick's parts in the Python controller."""
     forms = [(p, form) for p in ("as_flown", "paper") for form in FORMS]
     cells = [["median (p99) [µs]", *(f"{p} {form}" for p, form in forms)]]
     for name in next(iter(result["paper"].values())):
@@ -303,28 +309,28 @@ def part_lines(result: dict[str, Any]) -> list[list[str]]:
 
 
 def bench_table(result: dict[str, Any]) -> str:
-    """The figures as text."""
+    """Return the results of `run_bench` as text."""
     machine = result["machine"]
     hard = result["hard_states"]
     lines = [
         ", ".join(f"{name} {value}" for name, value in machine.items()),
         "",
         "a control step of a robot in the engine, wall (CPU) time, zero action; bare: 10 × mj_step of the same robots, "
-        "each with a model and data of its own; hot: of one alone",
+        "each with its own model and data; hot: 10 × mj_step of a single robot, which stays in the cache",
         format_table(engine_lines(result["engine"]), left=1),
         "",
-        "the readable controller, form by form",
+        "the Python controller, form by form",
         format_table(part_lines(result), left=1),
         "",
         f"hard states, OSQP part: median {hard['osqp_us']['median']:.0f}, p99 {hard['osqp_us']['p99']:.0f} µs, "
         f"iterations median {hard['osqp_iterations']['median']:.0f}, max {hard['osqp_iterations']['max']}; "
-        f"answers {hard['statuses']}",
-        f"one numpy addition of 8 numbers: {result['numpy_add_us']['median']:.2f} µs (the machine's unit)",
+        f"statuses {hard['statuses']}",
+        f"one numpy addition of 8 numbers: {result['numpy_add_us']['median']:.2f} µs (a reference for the machine)",
     ]
     core = result["core"]
     pairs = (f"{name} {c['core_steps_per_s']:.0f} ({c['ratio']:.2f})" for name, c in core.items() if name in PAIRS)
     lines.append(
         f"compiled core: tick through Python {core['tick_us']['median']:.0f} ({core['tick_us']['p99']:.0f}) µs; "
-        f"steps/s, and times those of the readable controller in the same run: {', '.join(pairs)}"
+        f"steps/s, and the factor over the Python controller in the same run: {', '.join(pairs)}"
     )
     return "\n".join(lines)

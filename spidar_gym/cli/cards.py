@@ -1,4 +1,4 @@
-"""Cards of methods: what each costs, how it was tuned, what its loops bear, where it wins and loses; from its row."""
+"""Cards of methods, from their rows: CPU time, tuning, stability margins, and tracks where each is better or worse."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -18,31 +18,31 @@ from spidar_gym.tune.flight import loops
 from spidar_gym.tune.search import Search, find_search
 
 SEARCHED = {"qp_tuned": ("flight",), "qp_robust_overlapped": ("crawl",), "qp_retuned": ("retuned", "recrawl")}
-"""Row → the searches of the house that its numbers come from; those of others are called as they are."""
+"""Row → the built-in searches that found its parameters; for other rows the search has the name of the row."""
 
 Lines = list[list[str]]
 
 
 def _row(root: Path, name: str) -> Row:
-    """A committed row with all of its tracks."""
+    """Read a committed row with all of its tracks."""
     return read_rows(root / "baselines" / "scores", name)[name]
 
 
 def _log(root: Path, search: str) -> list[dict[str, Any]]:
-    """Log of a search; empty where there is none."""
+    """Return the log of a search; empty if there is none."""
     path = root / "baselines" / "searches" / f"{search}.json"
     return json.loads(path.read_text(encoding="utf-8"))["log"] if path.exists() else []
 
 
 def _step(row: Row) -> tuple[float, float]:
-    """Median and 99 % of the time of a step of the environment on the slowest track [ms]."""
+    """Return median and 99th percentile of the time of an environment step on the slowest track [ms]."""
     steps = [own["step_ms_p50_p99"] for own in row.content["timing"].values()]
     return max(median for median, _ in steps), max(most for _, most in steps)
 
 
 def method_lines(root: Path, *names: str) -> Lines:
-    """What rows cost: a step of the environment while they were made, and how long their numbers were searched for."""
-    lines = [["row", "a step, median", "a step, 99 % below", "searched for"]]
+    """Return the table of the rows' costs: time of an environment step during evaluation, and length of the search."""
+    lines = [["row", "time of a step, median", "99th percentile", "search"]]
     for name in names:
         median, most = _step(_row(root, name))
         log = [line for search in SEARCHED.get(name, (name,)) for line in _log(root, search)]
@@ -56,12 +56,12 @@ def _searched(log: Sequence[dict[str, Any]]) -> str:
 
 
 def card_lines(root: Path, name: str, base: str) -> Lines:
-    """A row on a card.
+    """Return the card of a row.
 
     Args:
-        root: The checkout.
-        name: The row, of a policy in `baselines/`.
-        base: The row that it is compared with.
+        root: Root of the checkout.
+        name: Name of the row; its policy is in `baselines/`.
+        base: Name of the row for comparison.
     """
     row, other = _row(root, name), _row(root, base)
     spec = row.content["policies"][0]
@@ -71,22 +71,22 @@ def card_lines(root: Path, name: str, base: str) -> Lines:
     found = compare_rows(row, other)
     lines = [
         [f"`{name}`", row.doc],
-        ["its row", f"`{row.content['command']}`"],
-        ["its numbers", _numbers(root, searches)],
+        ["command", f"`{row.content['command']}`"],
+        ["parameters", _numbers(root, searches)],
     ]
     margins = _margins(spec, searches)
     if margins:
-        lines.append(["its loops bear", _least(margins)])
+        lines.append(["margins", _least(margins)])
     return [
         *lines,
-        ["a step", f"{median:.1f} ms, 99 % below {most:.1f} ms; {unsolved} without a solution"],
+        ["time of a step", f"median {median:.1f} ms, 99th percentile {most:.1f} ms; {unsolved} without a solution"],
         [f"better than `{base}`", _places(found, lambda low, high: high < 0.0)],
         [f"worse than `{base}`", _places(found, lambda low, high: low > 0.0)],
     ]
 
 
 def _searches(spec: str, name: str) -> dict[str, Search]:
-    """The searches for a policy's numbers, by what `spidar tune` is told."""
+    """Return the searches that found a policy's parameters, by their names for `spidar tune`."""
     module = module_of(spec)[0]
     if name in SEARCHED:
         return {own: find_search(own) for own in SEARCHED[name]}
@@ -94,14 +94,17 @@ def _searches(spec: str, name: str) -> dict[str, Search]:
 
 
 def _numbers(root: Path, searches: Mapping[str, Search]) -> str:
-    """Where its numbers come from."""
+    """Return the origin of a policy's parameters, in words."""
     logs = {of: _searched(_log(root, search.name)) for of, search in searches.items()}
-    told = [f"`spidar tune {of}`: {log or 'first guesses, by hand; no log'}" for of, log in logs.items()]
-    return "; ".join(told) or "those of its parts, or chosen by hand"
+    origins = [f"`spidar tune {of}`: {log or 'initial values, chosen by hand; no log'}" for of, log in logs.items()]
+    return "; ".join(origins) or "those of its components, or chosen by hand"
 
 
 def _margins(spec: str, searches: Mapping[str, Search]) -> list[Margins]:
-    """Margins of its loops; none where it has no linear ones. A law of one's own says with which numbers, `FOUND`."""
+    """Return the margins of a policy's loops; none without linear loops.
+
+    A custom law's module holds its parameters in `FOUND`.
+    """
     arguments = policy_arguments(load_policy(spec), HOVER)
     if arguments is None:
         return []
@@ -113,20 +116,20 @@ def _margins(spec: str, searches: Mapping[str, Search]) -> list[Margins]:
 
 
 def _least(margins: Sequence[Margins]) -> str:
-    """The least of all axes."""
+    """Return the worst margins of all axes, in words."""
     gain, delay = min(m.gain for m in margins), min(m.delay for m in margins)
     sensitivity, noise = max(m.sensitivity for m in margins), max(m.noise for m in margins)
     return (
-        f"a gain of {gain:.2f}, {1e3 * delay:.0f} ms more delay; a sensitivity of {sensitivity:.2f}, noise by "
-        f"{noise:.1f} s⁻¹; each on the worst of four axes"
+        f"gain margin {gain:.2f}, delay margin {1e3 * delay:.0f} ms, sensitivity {sensitivity:.2f}, noise "
+        f"{noise:.1f} s⁻¹; each for the worst of four axes"
     )
 
 
 def _places(found: Sequence[Comparison], holds: Callable[[float, float], bool]) -> str:
-    """Tracks on which the interval of the error's change holds so."""
+    """Return the tracks on which the interval of the error's change fulfils `holds`, in words."""
     places = []
     for comparison in found:
         change = comparison.changes["error"]
         if holds(change.low, change.high):
             places.append(f"`{comparison.track}` {change.relative:+.0%} [{change.low:+.0%}, {change.high:+.0%}]")
-    return ", ".join(places) or "nowhere, the interval clear"
+    return ", ".join(places) or "on no track"

@@ -1,4 +1,4 @@
-"""`spidar docs`: builds the guide, offline and with warnings as errors, and writes its tables and pictures."""
+"""`spidar docs`: build the guide, offline and with warnings as errors, and write its tables and pictures."""
 
 import importlib.util
 import subprocess
@@ -9,9 +9,9 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import spidar_gym
-from spidar_gym.cli.arguments import Flag
-from spidar_gym.cli.console import progress
+from spidar_gym.arguments import Flag
 from spidar_gym.cli.tables import pages, with_tables
+from spidar_gym.console import progress
 from spidar_gym.errors import MissingDependencyError, SpidarError, UnknownNameError
 from spidar_gym.files import output_folder, refresh
 from spidar_gym.viz.gallery import draw, gallery
@@ -27,14 +27,14 @@ def docs(
     pictures: Flag = False,
     only: str = "",
 ) -> None:
-    """Build the guide as HTML and print the path of its first page; needs a checkout and the extra docs.
+    """Build the guide as HTML and print the path of its first page; requires a clone and the extra docs.
 
     Args:
         out: Folder for the HTML; index.html is the first page.
-        tables: Instead, write every marked table of docs/ and README.md anew from the committed results.
-        check: Instead, write nothing; fail when a marked table is stale.
-        pictures: Instead, draw docs/pictures/*.png anew; needs OpenGL and matplotlib, and takes four minutes.
-        only: Of the pictures, those whose names begin so.
+        tables: Instead of HTML, update every marked table in docs/ and README.md from the committed results.
+        check: Instead of HTML, fail if a marked table is stale; writes nothing.
+        pictures: Instead of HTML, draw docs/pictures/*.png; requires OpenGL and matplotlib, and takes four minutes.
+        only: Draw only pictures whose names begin with this text.
     """
     root = checkout()
     if pictures:
@@ -53,20 +53,20 @@ def docs(
     if missing:
         raise MissingDependencyError(", ".join(missing), "pip install -e '.[docs]' in the clone")
     folder = output_folder(out)
-    # A process of its own: Sphinx imports what it documents, and changes warnings and logging for good. All of it anew:
-    # of a page that has not changed it would not repeat the warnings.
+    # A separate process, since Sphinx imports the documented modules and changes warnings and logging permanently.
+    # -E -a rebuilds every page, since Sphinx does not repeat the warnings of unchanged pages.
     options = ["-q", "-E", "-a", "-W", "--keep-going", "-j", "auto"]
     command = [sys.executable, "-m", "sphinx", *options, str(root / "docs"), str(folder)]
     if subprocess.run(command, check=False).returncode:
-        raise SpidarError("the guide is not sound; valid: pages that Sphinx builds without the warnings above")
+        raise SpidarError("the guide has errors; valid: pages that Sphinx builds without the warnings above")
     broken = [f"{page.relative_to(folder.resolve())}: {target}" for page, target in broken_links(folder)]
     if broken:
-        raise SpidarError(f"links that lead nowhere: {', '.join(broken)}; valid: pages, files and anchors of the guide")
+        raise SpidarError(f"broken links: {', '.join(broken)}; valid: pages, files and anchors of the guide")
     print(folder / "index.html")
 
 
 def checkout() -> Path:
-    """The clone of the repository that this package is in (`SpidarError` where it is installed alone)."""
+    """Return the root of the clone that contains this package (`SpidarError` for an installed wheel)."""
     root = Path(spidar_gym.__file__).parent.parent
     if not (root / "docs" / "conf.py").is_file():
         raise SpidarError(f"there is no guide beside {root / 'spidar_gym'}; valid: a clone of the repository")
@@ -76,11 +76,11 @@ def checkout() -> Path:
 def _tables(root: Path, check: bool) -> None:
     files = {path: with_tables(root, path.read_text(encoding="utf-8")) for path in pages(root)}
     written = refresh(files, "spidar docs --tables", check=check)
-    print("every table is what its result gives" if check else f"{written} of {len(files)} pages written")
+    print("every table is up to date" if check else f"{written} of {len(files)} pages written")
 
 
 class _Page(HTMLParser):
-    """The targets of a page's links and pictures, and the names that links may lead to."""
+    """The targets of a page's links and pictures, and the page's anchors."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -97,7 +97,7 @@ class _Page(HTMLParser):
 
 
 def broken_links(folder: Path) -> Iterator[tuple[Path, str]]:
-    """Links within a folder of HTML that lead to no file, or to no anchor of one: the page and the link's target."""
+    """Yield page and target of every relative link in a folder of HTML whose file or anchor does not exist."""
     found = {path.resolve(): _Page(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("*.html"))}
     for path, page in found.items():
         for target in page.targets:

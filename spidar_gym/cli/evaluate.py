@@ -1,4 +1,4 @@
-"""`spidar eval`, `spidar leaderboard`, `spidar scenarios`: the benchmark at the command line."""
+"""`spidar eval`, `spidar leaderboard`, `spidar scenarios`: the benchmark on the command line."""
 
 import importlib.util
 import sys
@@ -10,6 +10,7 @@ import numpy as np
 import tyro
 
 from spidar_gym import viz
+from spidar_gym.arguments import Flag, JsonArg, choice
 from spidar_gym.benchmark import answers as answering
 from spidar_gym.benchmark import verify as verifying
 from spidar_gym.benchmark.comparison import compare_rows, comparison_text
@@ -32,9 +33,8 @@ from spidar_gym.benchmark.row import (
 from spidar_gym.benchmark.scenario import WRITER, load_scenarios, scenario_files
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL
 from spidar_gym.benchmark.track import REFERENCES, SCENARIOS, SPLITS, TRACKS
-from spidar_gym.cli.arguments import Flag, JsonArg, choice
-from spidar_gym.cli.console import drawn, goes_on, kept, progress
 from spidar_gym.cli.held_out import held_out
+from spidar_gym.console import drawn, goes_on, kept, progress
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, require_least, require_name
 from spidar_gym.files import json_text, refresh, write_text
 from spidar_gym.policies.guest import open_policy
@@ -73,21 +73,21 @@ def eval_(
     trust: Flag = False,
     json: JsonArg = False,
 ) -> None:
-    """Evaluate a policy on the benchmark's tracks and write its row; goes on where an interrupted evaluation was.
+    """Evaluate a policy on the benchmark's tracks and write its row; resumes an interrupted evaluation.
 
     Args:
-        policy: module:Class, or the path of a learned policy's artifact or, with --trust, of a model's zip; several
-            are the runs (training seeds) of one row.
-        tracks: Tracks; every one on which the policy is defined if none is given.
-        baselines: Evaluate every classical baseline, each a row of its own.
-        split: test, or validation for choosing among one's own policies.
-        scenarios: How many scenarios of each track, from the first on.
+        policy: module:Class, the path of a learned policy's artifact, or with --trust the path of a zip saved by
+            Stable-Baselines3. Several policies become the runs (training seeds) of one row.
+        tracks: Tracks; all on which the policy is defined if none is given.
+        baselines: Evaluate all classical baselines instead of --policy, with one row each.
+        split: Scenarios to use: test, or validation for choosing among your own policies.
+        scenarios: Number of scenarios per track, from the first.
         out: Folder for the row, NAME.json.
-        cache: Folder in which finished scenarios are kept.
-        workers: Processes, or workers of a local Ray cluster.
-        ray: Address of a Ray cluster to send the scenarios to: local, auto, or host:port.
-        act_limit: How long the policy may think about one action [s].
-        trust: Load a zip that Stable-Baselines3 saved, which can run code: only from whom you trust.
+        cache: Folder for finished scenarios, from which an interrupted evaluation resumes.
+        workers: Number of processes, or of workers of a local Ray cluster.
+        ray: Address of the Ray cluster that evaluates the scenarios: local, auto, or host:port.
+        act_limit: Time limit of the policy for one action [s].
+        trust: Load zips saved by Stable-Baselines3. They can run any code: use only files that you trust.
     """
     _check_eval(policy, tracks, baselines, split, scenarios, workers, act_limit)
     rows: list[Row] = []
@@ -123,11 +123,11 @@ def _check_eval(
     policy: tuple[str, ...], tracks: tuple[str, ...], baselines: bool, split: str, scenarios: int, workers: int,
     act_limit: float,
 ) -> None:  # fmt: skip
-    """Refuse what cannot be evaluated, before anything is."""
+    """Check the arguments of `eval_` before any scenario is evaluated."""
     if bool(policy) == baselines:
         raise InvalidValueError("policy", policy, "either --policy module:Class … or --baselines")
-    if baselines and importlib.util.find_spec("cma") is None:  # said before hours of others are played
-        raise MissingDependencyError("cma, with which one of the baselines plans,", "pip install 'spidar-gym[tune]'")
+    if baselines and importlib.util.find_spec("cma") is None:  # checked before the other baselines, which take hours
+        raise MissingDependencyError("cma, which one of the baselines requires,", "pip install 'spidar-gym[tune]'")
     for track in tracks:
         require_name("track", track, TRACKS)
     require_name("split", split, SPLITS)
@@ -144,7 +144,7 @@ FolderArg = Annotated[Path, tyro.conf.arg(help="Folder of the rows.")]
 
 @board_app.command
 def build(rows: FolderArg = Path(ROWS), out: Path = Path("baselines")) -> None:
-    """Write LEADERBOARD.md from the rows, and its picture where matplotlib is installed.
+    """Write LEADERBOARD.md from the rows, and its picture if matplotlib is installed.
 
     Args:
         out: Folder for LEADERBOARD.md and leaderboard.png.
@@ -162,12 +162,12 @@ def show(
     wide: Flag = False,
     json: JsonArg = False,
 ) -> None:
-    """Print the leaderboard: one's own rows among the committed ones.
+    """Print the leaderboard, with your own rows among the committed ones.
 
     Args:
-        rows: Folder of one's own rows.
-        tracks: Only these tracks, before the ranking of all.
-        wide: Every metric, in lines of 230 characters.
+        rows: Folder of your own rows.
+        tracks: Print the tables of these tracks only; the overall ranking always uses all tracks.
+        wide: Print every metric, in lines of 230 characters.
     """
     for track in tracks:
         require_name("track", track, TRACKS)
@@ -182,17 +182,17 @@ def show(
 
 
 def _own_rows(folder: Path) -> dict[str, Row]:
-    """The rows of a folder; none where it is the default one and not there, as outside a checkout."""
+    """Return the rows of a folder; none if it is the default folder and does not exist, as outside a clone."""
     return {} if folder == Path(ROWS) and not folder.is_dir() else read_rows(folder)
 
 
 @board_app.command
 def compare(row: Path, base: str = "qp", rows: FolderArg = Path(ROWS), json: JsonArg = False) -> None:
-    """Compare a row with another one: paired differences of position, attitude, time, energy, success.
+    """Compare a row with another: paired differences of position, attitude, time, energy and success.
 
     Args:
         row: File of the row.
-        base: Name of the row to compare it with: one of the folder, or else a committed one.
+        base: Name of the row to compare with, from the folder of rows or from the committed rows.
     """
     known = {**committed_rows(), **_own_rows(rows)}
     require_name("row", base, known)
@@ -211,20 +211,20 @@ def verify(
     trust: Flag = False, control: Literal["python", "core"] = CONTROL, results: Path | None = None,
     cache: Path = Path("out/verify"),
 ) -> None:  # fmt: skip
-    """Play scenarios of committed rows once more and compare; fails when one gives something else.
+    """Evaluate scenarios of rows again and compare the metrics; fails if a result differs.
 
     Args:
-        sample: How many scenarios, drawn from all rows without replacement.
-        per_run: Instead, so many scenarios of every row, track and run.
-        names: Only these rows.
-        tracks: Only these tracks.
-        seed: Seed of the draw.
-        workers: Processes.
-        trust: Run policies from outside the package and the committed baselines too: their code is whoever's the rows
-            are, so read it first.
-        control: core, with which rows are made, or the readable python, whose rounding is another one.
-        results: File for every metric that came out, exactly: those of two commits can be compared.
-        cache: Folder in which finished scenarios are kept with --all or --per-run, so that the same command goes on.
+        sample: Number of scenarios, sampled from all rows without replacement.
+        per_run: Instead of --sample, the number of scenarios sampled from every row, track and run.
+        names: Names of the rows; all if none is given.
+        tracks: Tracks; all if none is given.
+        seed: Seed of the sampling.
+        workers: Number of processes.
+        trust: Also run policies from outside the package and the committed baselines. The authors of the rows wrote
+            their code, so read it first.
+        control: Implementation of the controllers: core, with which rows are made, or python, which rounds differently.
+        results: File for the exact metrics of every scenario, for comparison between two commits.
+        cache: Folder for finished scenarios with --all or --per-run, from which an interrupted command resumes.
     """
     require_least(1, sample=sample, workers=workers)
     require_least(0, seed=seed, per_run=per_run)
@@ -247,7 +247,7 @@ def verify(
         bar.write(check.line, file=sys.stdout)
         bar.update()
 
-    played = f"of {len(picks)} scenarios played again; what came out stands above"
+    played = f"of {len(picks)} scenarios evaluated again; their results are printed above"
     with bar, kept(goes_on(bar, folder) if folder else lambda: f"{bar.n} {played}"):
         checks = verifying.verify(
             found, picks, workers=workers, trust=trust, control=control, folder=folder, on_check=on_check
@@ -260,8 +260,8 @@ def verify(
     if moved := verifying.largest_differences(checks):
         print(f"largest differences, as shares of the tolerance: {moved}")
     exact = sum(check.equal for check in checks)
-    near = f", {len(checks) - exact} within tolerance, which is not verified" if exact < len(checks) else ""
-    print(f"{len(checks)} scenarios of {len(found)} rows played again: {exact} equal bit for bit{near}")
+    near = f", {len(checks) - exact} within tolerance, which does not verify them" if exact < len(checks) else ""
+    print(f"{len(checks)} scenarios of {len(found)} rows evaluated again: {exact} equal bit for bit{near}")
 
 
 @board_app.command
@@ -270,14 +270,17 @@ def answers(
     scenarios: int = SCENARIOS, workers: int = cpu_count(), trust: Flag = False,
     json: JsonArg = False,
 ) -> None:  # fmt: skip
-    """Play rows once more, with the compiled core where there is one, and count how the allocation answered.
+    """Evaluate rows again and count the ticks by the allocation's status, such as solved or held.
+
+    Policies with custom allocators or control laws run with the Python controller, all others with the compiled core.
+
 
     Args:
-        names: Only these rows.
-        tracks: Only these tracks.
-        scenarios: How many of each track, from the first on.
-        workers: Processes.
-        trust: Run policies from outside the package and the committed baselines too.
+        names: Names of the rows; all if none is given.
+        tracks: Tracks; all if none is given.
+        scenarios: Number of scenarios per track, from the first.
+        workers: Number of processes.
+        trust: Also run policies from outside the package and the committed baselines; read their code first.
     """
     require_least(1, scenarios=scenarios, workers=workers)
     for track in tracks:
@@ -302,14 +305,14 @@ def scenarios(check: Flag = False) -> None:
     """Write the benchmark's scenario files and their hashes.
 
     Args:
-        check: Write nothing; fail when a committed file is not what is drawn.
+        check: Write nothing; fail if a committed file differs from the sampled scenarios.
     """
     root = assets_dir()
     with progress(total=len(SPLITS) * len(TRACKS) * SCENARIOS, unit="scenario", desc="draw") as bar:
         files = scenario_files(on_scenario=bar.update)
     written = refresh({root / name: text for name, text in files.items()}, WRITER, check=check)
     if check:
-        print(f"{len(files)} scenario files in {root} are what is drawn")
+        print(f"{len(files)} scenario files in {root} are up to date")
         return
     load_scenarios.cache_clear()
     print(f"{written} of {len(files)} files written to {root}")

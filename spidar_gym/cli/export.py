@@ -1,4 +1,4 @@
-"""`spidar export`: from the simulator to the robot."""
+"""`spidar export`: write the controller as C for the real robot."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from spidar_gym.sitl.missions import (
 )
 
 GATES_SEED = 1
-"""At this one Course-v0 draws a beam, a slot, a wall and a platform."""
+"""Seed at which Course-v0 samples a beam, a slot, a wall and a platform."""
 
 
 def export_(
@@ -24,17 +24,17 @@ def export_(
     residual_rate: float = RATE,
     robot: Path | None = None,
 ) -> None:
-    """Export the controller as C that compiles with nothing installed but a compiler.
+    """Export the controller as C sources that require only a C compiler.
 
     Args:
-        out: Folder to write: core, solver, runner, missions, recorded inputs with their answers, manifest of hashes.
-        residual: Artifact of a learned policy that adds to the controller; it goes into the folder.
-        residual_rate: Largest change of every entry of its action in a second [1/s]; from −1 to 1 it is 2.
-        robot: TOML file of a robot of one's own; its missions are a flight, a crawl and a hover.
+        out: Output folder: core, solver, runner, missions, recorded inputs with expected outputs, manifest of hashes.
+        residual: Artifact of a learned policy whose actions are added to the controller; exported with it.
+        residual_rate: Limit of the rate of every entry of the residual action, which is within −1 … 1 [1/s].
+        robot: TOML file of a custom robot; its missions are a flight, a crawl and a hover, without courses.
     """
     spec = RobotSpec.parse(robot)
     plans = (flight_mission(), crawl_mission(robot=spec), hover_mission())
-    if spec == ROBOT:  # heights and slots of the others are made for its legs
+    if spec == ROBOT:  # heights and slots of the courses fit only the nominal legs
         plans += (course_mission(), map_mission(drawn_course(3, GATES_SEED)))
     missions = {f"missions/{plan.name}.txt": plan.text.encode() for plan in plans}
     written = export(out, residual=residual, rate=residual_rate, extra=missions, robot=spec)

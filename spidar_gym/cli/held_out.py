@@ -1,10 +1,11 @@
-"""`spidar leaderboard held-out`: policies on conditions that nobody trains or chooses by, in a table of their own."""
+"""`spidar leaderboard held-out`: evaluate policies under conditions never used for training or tuning."""
 
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from spidar_gym.arguments import Flag, JsonArg
 from spidar_gym.benchmark.held_out import COUNT, HELD_OUT
 from spidar_gym.benchmark.held_out_play import choose, plan, play_all
 from spidar_gym.benchmark.held_out_table import (
@@ -15,16 +16,15 @@ from spidar_gym.benchmark.held_out_table import (
     write_content,
 )
 from spidar_gym.benchmark.row import ROWS, read_rows
-from spidar_gym.cli.arguments import Flag, JsonArg
-from spidar_gym.cli.console import goes_on, kept, progress
 from spidar_gym.cli.tables import with_tables
+from spidar_gym.console import goes_on, kept, progress
 from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.files import json_text, write_text
 from spidar_gym.processes import cpu_count
 from spidar_gym.text import format_table
 
 PAGE = "docs/benchmark/held_out.md"
-"""The page of a checkout that shows the committed table."""
+"""Page of the guide that shows the committed table."""
 
 
 def held_out(
@@ -39,22 +39,22 @@ def held_out(
     trust: Flag = False,
     json: JsonArg = False,
 ) -> None:
-    """Play the held-out conditions, which nobody trains or chooses by; goes on where an interrupted table was.
+    """Evaluate policies under the held-out conditions, never used for training or tuning; resumable.
 
-    Every row with a controller below it is played, with all its runs, and each learned residual compared with the
-    controller that it adds to. Written to baselines/held_out.json, the table is shown on its page of the guide too.
+    All runs of every row with an underlying controller are evaluated, and each learned residual is compared with its
+    controller alone. With --out baselines/held_out.json, the guide's page of held-out conditions is updated too.
 
     Args:
-        names: Only these rows, with those that they add to.
-        policy: A candidate of one's own, module:Class or artifacts, one a run; of the rows only those that are named
-            and the one that it is compared with.
-        against: Row or preset that the candidate is compared with; the one that it adds to by default.
-        scenarios: How many scenarios of each condition, from the first on.
-        out: File of the table.
-        cache: Folder in which finished episodes are kept.
-        workers: Processes.
-        trust: Run policies of rows from outside the package and the committed baselines too: their code is whoever's
-            the rows are, so read it first.
+        names: Names of the rows, evaluated with the rows of their underlying controllers; all if none is given.
+        policy: Candidate: module:Class, or artifacts, one per run. Of the rows, only those in --names and the one for
+            comparison are evaluated.
+        against: Row or preset to compare the candidate with; its underlying controller if not given.
+        scenarios: Number of scenarios per condition, from the first.
+        out: JSON file for the table.
+        cache: Folder for finished episodes, from which an interrupted command resumes.
+        workers: Number of processes.
+        trust: Also run policies of rows from outside the package and the committed baselines. The authors of the rows
+            wrote their code, so read it first.
     """
     require_least(1, scenarios=scenarios, workers=workers)
     entrants = choose(read_rows(rows), names, policy, against, trust=trust)

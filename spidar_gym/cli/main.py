@@ -1,4 +1,4 @@
-"""`spidar`: the command line. Degrees and file paths exist here only."""
+"""`spidar`: the command line. Only here angles are in degrees."""
 
 import math
 import sys
@@ -6,11 +6,10 @@ from pathlib import Path
 
 import tyro
 
+from spidar_gym.arguments import JsonArg
 from spidar_gym.benchmark.track import TRACKS
-from spidar_gym.cli.arguments import JsonArg
 from spidar_gym.cli.assets import assets
 from spidar_gym.cli.bench import PARTS, bench_table, run_bench
-from spidar_gym.cli.console import goes_on, kept, named_steps, progress, run_cli
 from spidar_gym.cli.docs import docs
 from spidar_gym.cli.evaluate import BASELINES, board_app, eval_, scenarios
 from spidar_gym.cli.export import export_
@@ -19,6 +18,7 @@ from spidar_gym.cli.run import run
 from spidar_gym.cli.sitl import sitl_app
 from spidar_gym.cli.view import view
 from spidar_gym.committed import artifact_patterns
+from spidar_gym.console import goes_on, kept, named_steps, progress, run_cli
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.envs.docs import page
@@ -34,14 +34,14 @@ from spidar_gym.tune import search as tuning
 from spidar_gym.tune.flight import margin_lines
 
 app = tyro.extras.SubcommandApp()
-app.command(paper_app, name="paper", help="The paper's flight and crawl, our figures beside the paper's.")
+app.command(paper_app, name="paper", help="Simulate the paper's flight and crawl, and compare with its figures.")
 app.command(run)
 app.command(name="eval")(eval_)
-app.command(board_app, name="leaderboard", help="The leaderboard: build it, show it, verify its rows.")
+app.command(board_app, name="leaderboard", help="Build and show the leaderboard, compare and verify its rows.")
 app.command(scenarios)
 app.command(name="export")(export_)
 app.command(docs)
-app.command(sitl_app, name="sitl", help="The runner drives the simulated robot through ROS 1 or a socket.")
+app.command(sitl_app, name="sitl", help="Software in the loop: the C runner drives the simulated robot.")
 
 
 @app.command
@@ -55,16 +55,18 @@ def tune(
     seed: int = 0,
     workers: int = cpu_count(),
 ) -> None:
-    """Search a controller's numbers: flight and crawl with CMA-ES, the others by pattern; goes on where it stopped.
+    """Tune a controller's parameters: flight and crawl with CMA-ES, the others by pattern search; resumable.
 
     Args:
-        search: flight or retuned, on the tracks of flights, crawl or recrawl, on the ground, or module:NAME, one's own.
-        out: Folder of the search's log, written after every generation.
-        generations: Generations in all; a pattern search ends where no step is worth it.
-        population: Candidates a generation, 12 if not given; 2 of a pattern search, always.
-        scenarios: Scenarios of each track a candidate plays, drawn anew for each generation but of a pattern search.
+        search: flight or retuned, on the flight tracks; crawl or recrawl, on the ground tracks; module:NAME for a
+            custom Search.
+        out: Folder for the log of the search, written after every generation, from which the search resumes.
+        generations: Total number of generations; a pattern search can end earlier, when no step improves the cost.
+        population: Number of candidates per generation, 12 if not given; always 2 for a pattern search.
+        scenarios: Number of scenarios per track and candidate, sampled for each generation; a pattern search uses the
+            same scenarios in all generations.
         seed: Seed of the search.
-        workers: Processes.
+        workers: Number of processes.
     """
     candidates = tuning.candidates(search, population)
     how = dict(generations=generations, population=candidates, scenarios=scenarios, seed=seed, workers=workers)
@@ -80,7 +82,8 @@ def tune(
     print(json_text(last["parameters"]))
     gain = math.exp(last["reference"] - last["cost"])
     print(
-        f"errors of {found.reference} over those found, geometric mean: {gain:.3f} after {last['generation'] + 1} "
+        f"errors of {found.reference} over those of the result, geometric mean: {gain:.3f} after "
+        f"{last['generation'] + 1} "
         f"generations, written to {folder / tuning.log_name(search)}"
     )
     if found.loops is not None:
@@ -93,12 +96,12 @@ app.command(assets)
 
 @app.command
 def bench(seconds: float = 0.5, json: JsonArg = False) -> None:
-    """Measure where the time goes: physics, snapshot, QP, control tick, environment steps.
+    """Measure the time of physics, controller snapshot, QP, control tick and environment steps.
 
-    What a learner costs beside them is measured by `python -m train.speed`, in a clone with the extra train.
+    `python -m train.speed` measures the time of learning, in a clone with the extra train.
 
     Args:
-        seconds: Time spent on each figure [s].
+        seconds: Time spent on each measurement [s].
     """
     require_above(seconds=seconds)
     with progress(total=PARTS, unit="part", desc="bench", leave=False) as bar:
@@ -108,17 +111,17 @@ def bench(seconds: float = 0.5, json: JsonArg = False) -> None:
 
 @app.command(name="list")
 def list_(env_id: tyro.conf.Positional[str | None] = None) -> None:
-    """List environments, presets, forms, action modes, cameras, tracks and policies, or print one environment's page.
+    """List environments, presets, forms, action modes, cameras, tracks and policies, or print an environment's page.
 
     Args:
-        env_id: Environment whose page to print.
+        env_id: Environment whose page is printed.
     """
     if env_id is not None:
         print(page(env_id))
         return
     for name, entry in ENVIRONMENTS.items():
         print(f"{name}: {entry.doc}")
-    print(f"in a process that has not imported spidar_gym: {', '.join(map(import_id, ENVIRONMENTS))}")
+    print(f"ids that import spidar_gym automatically: {', '.join(map(import_id, ENVIRONMENTS))}")
     for title, names in (
         ("presets", PRESETS), ("form sequences", SEQUENCES), ("action modes", ACTION_MODES),
         ("crawl presets", CRAWL_PRESETS), ("schedules", SCHEDULES), ("crawl action modes", CRAWL_MODES),
@@ -129,16 +132,19 @@ def list_(env_id: tyro.conf.Positional[str | None] = None) -> None:
 
 
 def print_versions() -> None:
-    """The versions to name in a report, a line each; of the extras' packages only those that are installed."""
+    """Print the versions to name in a bug report, one per line; packages of extras only if they are installed."""
     for package, number in versions("torch", "stable-baselines3", "viser").items():
         if number:
             print(package, number)
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point: an error is one line on stderr and exit status 2; Ctrl-C is 130."""
+    """Run the command line; an error prints one line on stderr and exits with status 2, Ctrl-C with 130."""
     given = sys.argv[1:] if arguments is None else arguments
-    description = "SPIDAR in simulation; --version prints its version and those of what it rests on."
+    description = (
+        "SPIDAR, a quadruped with a vectorable rotor in each of its eight links, in simulation: environments, "
+        "controllers and benchmark. --version prints the versions of spidar_gym and of its dependencies."
+    )
     run_cli(
         "spidar",
         print_versions

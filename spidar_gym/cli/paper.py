@@ -1,4 +1,4 @@
-"""`spidar paper`: the paper's experiments and the comparisons that go beyond them."""
+"""`spidar paper`: the paper's experiments and further comparisons."""
 
 import math
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import tyro
 
 from spidar_gym import viz
-from spidar_gym.cli.arguments import CameraArg, CrawlPresetArg, Flag, FlightPresetArg, JsonArg
-from spidar_gym.cli.console import drawn, progress, published, studied
+from spidar_gym.arguments import CameraArg, CrawlPresetArg, Flag, FlightPresetArg, JsonArg
+from spidar_gym.console import drawn, progress, published, studied
 from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.errors import InvalidValueError, require_least, require_name, require_within
 from spidar_gym.files import output_folder
@@ -30,16 +30,16 @@ paper_app = tyro.extras.SubcommandApp()
 
 @dataclass(frozen=True)
 class Options:
-    """How either experiment is made and shown."""
+    """Options of both experiments."""
 
     camera: CameraArg = FIXED
     json: JsonArg = False
     video: bool = True
-    """Film it (about two minutes)."""
+    """Record a video, which takes about two minutes."""
     noise: Flag = False
-    """With real sensors, unequal rotors and 20 ms of delay; in the crawl 25 ms, and joint zeros that are off."""
+    """Simulate noisy sensors, unequal rotors and a delay of 20 ms, in the crawl 25 ms and offsets of the joint zeros."""
     seed: int = 0
-    """Seed of that noise."""
+    """Seed of --noise."""
 
     def __post_init__(self) -> None:
         require_least(0, seed=self.seed)
@@ -51,12 +51,12 @@ OptionsArg = Annotated[Options, tyro.conf.arg(name="")]
 
 @paper_app.command(name="both", is_default=True)
 def both(out: Path = Path("out"), video: bool = True, noise: Flag = False) -> None:
-    """Fly and crawl the paper's experiments, one after the other, and print our figures beside the paper's.
+    """Simulate the paper's flight and crawl, and print our figures beside the paper's.
 
     Args:
-        out: Folder for the folders flight and crawl.
-        video: Film them.
-        noise: With real sensors, delay and unequal rotors.
+        out: Output folder, with the folders flight and crawl.
+        video: Record a video of each, which takes about two minutes.
+        noise: Simulate noisy sensors, delay and unequal rotors.
     """
     options = Options(video=video, noise=noise)
     flight(out=out / "flight", options=options)
@@ -74,22 +74,22 @@ def flight(
     scenarios: int = 24,
     workers: int = cpu_count(),
 ) -> None:
-    """Fly the paper's flight experiment (40 s, forms 1 to 2 to 3) and print our figures beside the paper's.
+    """Simulate the paper's flight experiment (40 s, forms 1, 2, 3) and print our figures beside the paper's.
 
     Args:
-        preset: Controller that flies: as_flown is what the robot flew, paper is the paper's cost and rows, tuned goes
-            beyond it.
+        preset: Controller: as_flown as on the real robot, paper with the paper's cost and constraints, tuned and
+            retuned with our extensions.
         out: Folder for flight.json, flight.png and flight.mp4; with --speeds, for speeds.json and speeds.png.
         speeds: Instead, compare preset tuned with paper in random asymmetric forms at joint speeds 0.2 … 1.0 rad/s.
-        ablation: Instead, the same at 0.2, 0.6, 1.0 rad/s, and with each option of tuned switched off.
-        scenarios: Flights of a cell of --speeds and --ablation.
-        workers: Processes for them.
+        ablation: Instead, compare them at 0.2, 0.6 and 1.0 rad/s, also with each option of tuned switched off.
+        scenarios: Number of flights per cell of --speeds or --ablation.
+        workers: Number of processes for --speeds or --ablation.
     """
     require_least(1, scenarios=scenarios, workers=workers)
     if speeds or ablation:
         _speeds(output_folder(out), options.json, ablation, scenarios, workers)
         return
-    controller_config(preset)  # refuses an unknown name
+    controller_config(preset)  # raises for an unknown name
     folder = output_folder(out)
     video = options.video and drawn("video", require_pictures)
     with progress(total=experiments.FLIGHT_TICKS, unit="tick", desc=f"flight, {preset}") as bar:
@@ -97,7 +97,7 @@ def flight(
     figures = experiments.flight_figures(log)
     result = {"flight": figures, "paper": {"flight": experiments.PAPER_FLIGHT}}
     text = published(folder, "flight", result, format_table(experiments.flight_lines(figures)), options.json)
-    # After the flight, so that drawing does not disturb the times that it reports.
+    # After the flight, so that drawing does not affect the measured solve times.
     drawn("figure", lambda: viz.flight_figure(log, folder / "flight.png"))
     if video:
         drawn("video", lambda: _film(viz.flight_take(log), folder / "flight.mp4", options.camera))
@@ -105,14 +105,14 @@ def flight(
 
 
 def _report(text: str, folder: Path, pattern: str, json: bool) -> None:
-    """Print the text and, unless it is JSON, which files of a folder belong to it."""
+    """Print the text and, unless it is JSON, the names of the written files."""
     print(text)
     if not json:
         print(f"\nwritten to {folder}: {', '.join(sorted(p.name for p in folder.glob(pattern)))}")
 
 
 def _speeds(folder: Path, json: bool, ablation: bool, scenarios: int, workers: int) -> None:
-    """Compare controllers over joint speeds: table, JSON and figure."""
+    """Compare controllers over joint speeds; writes JSON and a figure, and prints the table."""
     name = "ablation" if ablation else "speeds"
     joint_speeds = studies.SPEEDS if ablation else studies.MANY_SPEEDS
     rows = studied(
@@ -134,7 +134,7 @@ def _film(take: viz.Take, path: Path, camera: str) -> None:
 
 
 def _crawl_study(folder: Path, json: bool, draws: int, seeds: int, workers: int) -> None:
-    """Crawl many cases: table and JSON."""
+    """Run the crawl study; writes JSON, and prints the table."""
     cases = crawl_study.RANDOM_CASES if draws else crawl_study.CASES
     numbers = range(1000, 1000 + draws) if draws else range(seeds)
     studied(
@@ -147,7 +147,7 @@ def _crawl_study(folder: Path, json: bool, draws: int, seeds: int, workers: int)
 
 
 def _crawled(preset: str, options: dict[str, Any]) -> crawl_experiment.CrawlLog:
-    """Crawl with a bar, as long as the plan; who is slower than planned has always one tick left."""
+    """Run the crawl experiment with a progress bar of the planned length, extended tick by tick when it is slower."""
     with progress(unit="tick", desc=f"crawl, {preset}") as bar:
 
         def on_tick(planned: int) -> None:
@@ -173,25 +173,26 @@ def crawl(
     seeds: int = 6,
     workers: int = cpu_count(),
 ) -> None:
-    """Crawl the paper's experiment (0.6 m in 3 cycles of 0.2 m) and print our figures beside the paper's.
+    """Simulate the paper's crawl experiment (0.6 m, 3 cycles of 0.2 m) and print our figures beside the paper's.
 
     Args:
-        preset: Crawler: published is the paper's gait, overlapped the same without waiting, robust our best defaults.
+        preset: Crawler: published is the paper's gait, overlapped the same gait with overlapping phases; robust has
+            margins for other robots and floors, and robust_retuned is the most accurate.
         out: Folder for crawl.json, crawl.png, cycle.png and crawl.mp4.
         overlapped: The same as --preset overlapped.
-        speed: Joint speed [rad/s]; the preset's own, 0.2, if not given.
-        distance: How far [m].
-        direction: Where to, 0 straight ahead, 90 to the left [degrees; radians in gymnasium.make].
-        turn: How far the heading turns on the way [degrees; radians in gymnasium.make].
+        speed: Joint speed [rad/s]; the preset's 0.2 if not given.
+        distance: Distance to the goal [m].
+        direction: Direction of the goal, 0 ahead, 90 to the left [degrees; radians in gymnasium.make].
+        turn: Change of heading from start to goal [degrees; radians in gymnasium.make].
         power: Minimise electrical power instead of the sum of squared forces.
-        study: Instead, directions, speeds, floors and weak actuators, each with --seeds noisy robots.
-        draws: Instead, so many robots and goals drawn at strength 1, presets published and robust.
-        seeds: Crawls a case of --study.
-        workers: Processes for --study and --draws.
+        study: Instead, run a study of directions, speeds, floors and weak actuators, each with --seeds noisy robots.
+        draws: Instead, compare published and robust on this number of robots and goals sampled at strength 1.
+        seeds: Number of crawls per case of --study.
+        workers: Number of processes for --study and --draws.
     """
     require_least(0, draws=draws)
     require_least(1, seeds=seeds, workers=workers)
-    crawler_config(preset)  # refuses an unknown name
+    crawler_config(preset)  # raises for an unknown name
     if not (math.isfinite(direction) and math.isfinite(turn)):
         raise InvalidValueError("direction, turn", (direction, turn), "finite numbers [degrees]")
     for name, angle in (("direction", direction), ("turn", turn)):
@@ -202,7 +203,7 @@ def crawl(
     where: dict[str, Any] = dict(
         distance=distance, direction=math.radians(direction), turn=math.radians(turn), joint_speed=speed
     )
-    # What cannot be crawled is refused before anything is written.
+    # Refuses infeasible goals before anything is written.
     crawl_experiment.check_way(preset, **where)
     folder = output_folder(out)
     if study or draws:

@@ -1,4 +1,4 @@
-"""`spidar run`: episodes of a controller alone or of a policy, shown or recorded."""
+"""`spidar run`: run episodes of a controller or a policy, and show or record them."""
 
 import math
 import sys
@@ -13,9 +13,9 @@ import numpy as np
 import tyro
 
 from spidar_gym import viz
+from spidar_gym.arguments import AnyPresetArg, CameraArg, Flag, choice
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S
-from spidar_gym.cli.arguments import AnyPresetArg, CameraArg, Flag, choice
-from spidar_gym.cli.console import progress
+from spidar_gym.console import progress
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import SCHEDULES
 from spidar_gym.envs.actions import ACTION_MODES, COURSE_MODES, CRAWL_MODES
@@ -57,51 +57,53 @@ ObservationArg = Annotated[str | None, choice(OBSERVATIONS)]
 TerrainArg = Annotated[str | None, choice(TERRAINS)]
 UNDISTURBED = Disturbances()
 COURSE_HOLD, COURSE_PACE = 4, 6.0
-"""Control periods of a step on a course that is shown, and how many times as fast its film is."""
+"""Control periods per step of a course, and speed of its video as a multiple of real time."""
 
 
 @dataclass(frozen=True)
 class TaskOptions:
-    """What the task is: arguments of `gym.make`, of which only those that are given are handed over."""
+    """Arguments of `gym.make` that define the task; only those that are given are passed."""
 
     preset: AnyPresetArg = None
-    """Controller; the environment's own if not given."""
+    """Controller preset; the environment's default if not given."""
     task: str | None = None
-    """A task of your own in place of the environment's, module:Class, whose file runs (hover, path, crawl)."""
+    """Custom task, module:Class, instead of the environment's task; its module is imported (hover, path, crawl)."""
     action_mode: ModeArg = None
-    """What an action means; the environment's own if not given."""
+    """Action mode: the meaning of an action; the environment's default if not given."""
     observation: ObservationArg = None
-    """What is observed: one row of numbers, a goal beside it, or what only a critic may know beside it."""
+    """Observation: a vector of values available on the robot, without or with a goal or privileged values for a
+    critic."""
     joint_speed: float | None = None
-    """Joint speed [rad/s]."""
+    """Joint speed [rad/s]; the controller's default if not given."""
     forms: FormsArg = None
     """Form sequence (hover and path)."""
     path: PathArg = None
-    """Kind of path (path)."""
+    """Shape of the path (path)."""
     speed: float | None = None
-    """Speed along it [m/s]; drawn if not given (path)."""
+    """Speed along the path [m/s]; sampled if not given (path)."""
     heading: HeadingArg = None
-    """Where the robot looks on it (path)."""
+    """Heading on the path: kept, along the path, or mixed, both equally often (path)."""
     distance: float | None = None
-    """How far the goal is [m] (crawl); drawn if not given, like the next two."""
+    """Distance to the goal [m]; sampled if not given (crawl)."""
     direction: float | None = None
-    """Where it is, 0 straight ahead, 90 to the left [degrees; radians in gymnasium.make] (crawl)."""
+    """Direction of the goal, 0 ahead, 90 to the left [degrees; radians in gymnasium.make]; sampled if not given
+    (crawl)."""
     turn: float | None = None
-    """How far the heading turns [degrees; radians in gymnasium.make] (crawl)."""
+    """Change of heading from start to goal [degrees; radians in gymnasium.make]; sampled if not given (crawl)."""
     schedule: ScheduleArg = None
-    """Phases one after the other or overlapped (crawl)."""
+    """Phases of the gait: one after the other, or overlapped (crawl)."""
     friction: float | None = None
-    """Sliding friction of the feet (crawl)."""
+    """Sliding friction coefficient of the feet (crawl)."""
     slope: float | None = None
-    """Angle of the floor [degrees; radians in gymnasium.make] (crawl)."""
+    """Slope of the floor [degrees; radians in gymnasium.make] (crawl)."""
     steps: float | None = None
-    """The floor is of tiles with steps of this height [m] (crawl)."""
+    """Height of the steps of a floor of tiles or stairs [m] (crawl)."""
     terrain: TerrainArg = None
-    """What has them, tiles of random heights, stairs, or one as often as the other (crawl)."""
+    """Floor for --steps: tiles of random heights, stairs, or mixed, both equally often (crawl)."""
 
     @property
     def given(self) -> dict[str, Any]:
-        """Those that are given, angles in radians."""
+        """The given arguments, angles in radians."""
         found = {name: value for name, value in vars(self).items() if value is not None}
         return found | {name: math.radians(found[name]) for name in ("direction", "turn", "slope") if name in found}
 
@@ -124,22 +126,26 @@ def run(
     out: Path | None = None,
     show: Flag = False,
 ) -> None:
-    """Run episodes with the zero action, which is the controller alone, or with a policy; show them or record them.
+    """Run episodes of a controller or a policy; print errors and success, and show or record the episodes.
+
+    Without --policy all actions are zero, so that the controller acts alone.
+
 
     Args:
         env_id: Environment.
-        policy: module:Class or a learned policy's artifact, which choose their controller; with --trust a model's zip.
-        against: A second policy, which plays the same episodes; the video shows both, side by side.
-        trust: Load a zip that Stable-Baselines3 saved, which can run code: only from whom you trust.
-        episodes: How many episodes.
-        seed: Seed of the first episode; the next ones follow it.
-        seconds: Length of an episode [s]; the environment's own if not given.
-        wake: Air between the rotors.
-        sensors: The controller sees real sensors through the estimator.
-        robot: TOML file of a robot of one's own, numbers of RobotSpec by name.
-        randomization: Strength of the domain randomisation, 0 … 1; or a TOML file of ranges by field.
+        policy: module:Class or a learned policy's artifact, which select their controller; with --trust also a zip
+            saved by Stable-Baselines3.
+        against: Second policy, evaluated on the same episodes; the video shows both side by side.
+        trust: Load zips saved by Stable-Baselines3. They can run any code: use only files that you trust.
+        episodes: Number of episodes.
+        seed: Seed of the first episode; it increases by 1 per episode.
+        seconds: Length of an episode [s]; the environment's default if not given.
+        wake: Simulate the rotors' wakes, which reduce the thrust of other rotors.
+        sensors: Pass the controller estimates from noisy sensors instead of the true state.
+        robot: TOML file of a custom robot: values of RobotSpec's fields by name.
+        randomization: Strength of the domain randomisation, 0 … 1, or a TOML file of ranges by field.
         out: Video file to write (.mp4).
-        show: Open a window.
+        show: Show the episodes in a window, which requires a display.
     """
     entry = _check_run(env_id, episodes, seed, camera, seconds, out, show)
     own: dict[str, Any] = {"hold": COURSE_HOLD} if env_id == COURSE else {}
@@ -175,11 +181,11 @@ def run(
                 takes += [] if take is None else [take]
             if film is not None and takes:
                 film.shoot(*takes, frames=partial(progress, unit="frame", desc="video", leave=False))
-        stayed = "stayed in the air" if isinstance(players[0].inner, HoverEnv) else "went on without failure"
+        stayed = "stayed in the air" if isinstance(players[0].inner, HoverEnv) else "without failure"
         for player, (survived, succeeded, finite) in zip(players, counts.tolist(), strict=True):
             if episodes > 1:
                 name = f"{player.name}: " if len(players) > 1 else ""
-                print(f"{name}{survived} of {episodes} {stayed}, {succeeded} with success, {finite} in finite numbers")
+                print(f"{name}{survived} of {episodes} {stayed}, {succeeded} successful, {finite} with finite values")
 
 
 def _is_finite(shown: Any) -> bool:  # noqa: ANN401 - an array, or a dictionary of them
@@ -188,7 +194,7 @@ def _is_finite(shown: Any) -> bool:  # noqa: ANN401 - an array, or a dictionary 
 
 @dataclass(frozen=True)
 class _Player:
-    """Who acts, and where."""
+    """A policy with its environment."""
 
     name: str
     env: gymnasium.Env
@@ -205,13 +211,13 @@ class _Player:
 def _player(
     stack: ExitStack, env_id: str, spec: str | None, trust: bool, given: dict[str, Any], shared: dict[str, Any]
 ) -> _Player:  # fmt: skip
-    """A policy, or the controller alone, in an environment of its own, which the stack closes."""
+    """Build a policy, or the controller alone, with its environment, which the stack closes."""
     if trust and spec is not None and spec.endswith(ZIP):
-        print(f"spidar: warning: {spec} is trusted: whatever code is in it runs now", file=sys.__stderr__)
+        print(f"spidar: warning: {spec} is trusted: any code in it is run", file=sys.__stderr__)
     policy = None if spec is None else load_policy(spec, trust=trust)
     if "task" in given:
-        load_module(split_name("task", given["task"])[0])  # from the folder that one works in
-    if env_id == COURSE and policy is None:  # who adds nothing to the rule goes by it
+        load_module(split_name("task", given["task"])[0])  # from the working folder
+    if env_id == COURSE and policy is None:  # zero residuals follow the rule
         given = {"action_mode": "residual", **given}
     env = gymnasium.make(env_id, **given, **chosen_arguments(policy, spec, env_id, given), **shared)
     stack.callback(env.close)
@@ -224,12 +230,12 @@ def _player(
 
 
 def _episode(player: _Player, seed: int, label: str, horizon: int, filmed: bool) -> tuple[list[Step], viz.Take | None]:
-    """Play one episode, and take what is to be filmed of it; a crawl ends when it is done."""
+    """Run one episode and, if it is filmed, collect its take."""
     inner = player.inner
     steps = rollout(player.env, player.actor, seed=seed)
     played: list[Step] = []
     seen: list[tuple[np.ndarray, str, np.ndarray | None]] = []
-    # A crawl ends when it is done; who is slower than planned has always one tick left.
+    # A crawl ends at its goal. The bar has the planned length and grows tick by tick when the crawl is slower.
     planned = horizon
     if isinstance(inner, CrawlEnv):
         planned = min(horizon, round(inner.progress.nominal_time * CONTROL_RATE))
@@ -246,7 +252,7 @@ def _episode(player: _Player, seed: int, label: str, horizon: int, filmed: bool)
 
 
 def _phase(inner: SpidarEnv, info: dict[str, Any]) -> str:
-    """What the robot is at: a crawl's phase, a course's and its form, or whether a flight's legs are to move."""
+    """Return the phase: of the crawl, of the course with its form, or whether the flight's joint targets change."""
     if isinstance(inner, CourseEnv) and inner.target is not None and inner.target.flies:
         return f"{info['phase']}, {inner.target.narrow:.0%} narrow"
     if not isinstance(inner, HoverEnv):
@@ -257,15 +263,15 @@ def _phase(inner: SpidarEnv, info: dict[str, Any]) -> str:
 def _take(
     player: _Player, infos: list[dict[str, Any]], seen: list[tuple[np.ndarray, str, np.ndarray | None]]
 ) -> viz.Take:
-    """What is filmed of an episode."""
+    """Build the take of an episode for the video."""
     rows, phases, contacts = zip(*seen, strict=True)
     qpos = np.array(rows)
     if isinstance(player.inner, HoverEnv):
         errors = (np.array([info[f"{name}_error"] for info in infos]) for name in ("position", "attitude"))
         traces = viz.flight_traces(qpos, *errors, robot=player.inner.robot)
     elif isinstance(player.inner, CourseEnv):
-        told = (np.array([info[name] for info in infos]) for name in ("thrust_fraction", "charge"))
-        traces = viz.course_traces(qpos, *told)
+        values = (np.array([info[name] for info in infos]) for name in ("thrust_fraction", "charge"))
+        traces = viz.course_traces(qpos, *values)
     else:
         traces = viz.crawl_traces(qpos)
     robot, time = player.inner.robot, np.arange(1, len(qpos) + 1) * player.inner.hold / CONTROL_RATE
@@ -276,7 +282,7 @@ def _take(
 
 
 def _summary(steps: list[Step], period: float) -> str:
-    """What came of an episode, in words, whose steps take a `period` [s]."""
+    """Return the result of an episode in words; each step takes `period` [s]."""
     last = steps[-1].info
     return (
         f"{len(steps) * period:.1f} s, mean reward {np.mean([step.reward for step in steps]):.3f}, "
@@ -287,7 +293,7 @@ def _summary(steps: list[Step], period: float) -> str:
 
 
 def chosen_arguments(policy: Policy | None, spec: str | None, env_id: str, given: dict[str, Any]) -> dict[str, Any]:
-    """What a policy asks `gym.make` for; nobody else chooses that."""
+    """Return the arguments of `gym.make` that a policy selects; they must not be `given` as well."""
     if policy is None:
         return {}
     chosen = policy_arguments(policy, env_id)
@@ -296,12 +302,12 @@ def chosen_arguments(policy: Policy | None, spec: str | None, env_id: str, given
         raise InvalidValueError("policy", spec, f"one for {env_id}; this one is for {found}")
     for name in chosen:
         if name in given:
-            raise InvalidValueError(name, given[name], f"nothing beside this policy, which chooses {chosen[name]}")
+            raise InvalidValueError(name, given[name], f"no value with this policy, which selects {chosen[name]}")
     return chosen
 
 
 def _errors(infos: list[dict[str, Any]]) -> str:
-    """What an episode's errors come to, in words."""
+    """Return an episode's errors in words."""
     last = infos[-1]
     if "goal_error" in last:
         x, y, yaw = (1e3 * last["goal_error"]).tolist()
@@ -322,7 +328,7 @@ def _errors(infos: list[dict[str, Any]]) -> str:
 def _check_run(
     env_id: str, episodes: int, seed: int, camera: str, seconds: float | None, out: Path | None, show: bool
 ) -> Entry:
-    """The environment's entry, where the arguments of `run` make sense."""
+    """Check the arguments of `run`, and return the environment's entry."""
     entry = environment(env_id)
     require_least(1, episodes=episodes)
     require_least(0, seed=seed)

@@ -1,4 +1,4 @@
-"""`spidar sitl`: the very runner that would drive SPIDAR drives the simulation, through ROS 1 or a socket."""
+"""`spidar sitl`: software in the loop; the robot's C runner drives the simulated robot through ROS 1 or a socket."""
 
 import contextlib
 import math
@@ -12,8 +12,8 @@ from typing import Annotated, Any
 import tyro
 
 from spidar_gym import viz
-from spidar_gym.cli.arguments import CrawlPresetArg, Flag, FlightPresetArg, JsonArg, choice
-from spidar_gym.cli.console import drawn, progress, published, studied
+from spidar_gym.arguments import CrawlPresetArg, Flag, FlightPresetArg, JsonArg, choice
+from spidar_gym.console import drawn, progress, published, studied
 from spidar_gym.control.course.gates import MAX_GATES
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.presets import controller_config, crawler_config
@@ -57,15 +57,15 @@ _say = partial(print, flush=True)
 
 @dataclass(frozen=True)
 class Options:
-    """How either experiment is played."""
+    """Options of all missions."""
 
     link: LinkArg = "ros"
-    """ros: through ROS 1 on the loopback in real time (a flight takes 70 s, a crawl 40 s); socket: in lock-step, faster
-    and without ROS."""
+    """ros: ROS 1 on the loopback in real time, 70 s for a flight and 40 s for a crawl; socket: in lock-step, faster and
+    without ROS."""
     odometry: Flag = False
-    """The runner takes the robot's own estimate (uav/cog/odom) instead of mocap and inertial unit."""
+    """Make the runner use the robot's state estimate (uav/cog/odom) instead of motion capture and IMU."""
     residual: Path | None = None
-    """Artifact of a learned policy that adds to the controller, compiled into the runner and switched on."""
+    """Artifact of a learned policy whose actions are added to the controller; compiled into the runner and enabled."""
     seed: int = 0
     """Seed of the robot's noise and asymmetry."""
     json: JsonArg = False
@@ -76,7 +76,7 @@ class Options:
 
     @property
     def mission(self) -> dict[str, Any]:
-        """What of it the mission says."""
+        """Options that are part of the mission file."""
         return {"odometry": self.odometry, "residual": self.residual is not None}
 
 
@@ -84,7 +84,7 @@ OptionsArg = Annotated[Options, tyro.conf.arg(name="")]
 
 
 def _played(mission: Mission, out: Path, options: Options) -> tuple[Played, Path]:
-    """A mission played to its end, and the folder that has its text and log."""
+    """Run a mission to its end; return it, and the folder with its text and log."""
     folder = output_folder(out)
     runner = build_for(options.link, options.residual)
     with progress(unit="tick", desc=f"{mission.name} over {options.link}") as bar:
@@ -100,7 +100,7 @@ def _played(mission: Mission, out: Path, options: Options) -> tuple[Played, Path
 
 
 def _say_figures(folder: Path, name: str, figures: dict[str, Any], table: str, json: bool) -> None:
-    """Write and print figures, and the runner's timing among them."""
+    """Write and print the figures, with the runner's timing."""
     print(published(folder, name, {name: figures}, table, json))
     if json:
         return
@@ -127,13 +127,13 @@ def _play(mission: Mission, out: Path, options: Options) -> None:
 def flight(
     preset: FlightPresetArg = "as_flown", out: Path = Path("out/sitl-flight"), options: OptionsArg = Options()
 ) -> None:
-    """Arm, take off, hand over to the runner, fly the paper's flight, hand back, land; print its figures.
+    """Run the paper's flight with the C runner, from arming to landing, and print its figures.
 
     Args:
-        preset: Controller of the runner.
+        preset: Controller preset of the runner.
         out: Folder for flight.json, flight.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
     """
-    controller_config(preset)  # refuses an unknown name
+    controller_config(preset)  # raises for an unknown name
     _play(flight_mission(preset, **options.mission), out, options)
 
 
@@ -144,15 +144,15 @@ def crawl(
     out: Path = Path("out/sitl-crawl"),
     options: OptionsArg = Options(),
 ) -> None:
-    """Arm, let the runner crawl the paper's 0.6 m or another distance, disarm; print its figures.
+    """Run the paper's crawl of 0.6 m, or of another distance, with the C runner, and print its figures.
 
     Args:
-        preset: Crawler of the runner.
-        distance: How far, straight ahead [m].
+        preset: Crawler preset of the runner.
+        distance: Distance to the goal straight ahead [m].
         out: Folder for crawl.json, crawl.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
     """
-    crawler_config(preset)  # refuses an unknown name
-    CrawlTask(distance=distance)  # refuses what cannot be crawled
+    crawler_config(preset)  # raises for an unknown name
+    CrawlTask(distance=distance)  # raises for an infeasible distance
     _play(crawl_mission(preset, Pose2(distance), **options.mission), out, options)
 
 
@@ -164,15 +164,15 @@ def course(
     workers: int = cpu_count(),
     options: OptionsArg = Options(),
 ) -> None:
-    """Arm, and let the runner take off, fly over in the narrow form, land and crawl on; beside the same in process.
+    """Run a course with the C runner: take-off, flight in a narrow form, landing, crawl; compared with in-process runs.
 
     Args:
-        robots: How many robots go the course in process: the spread that the runner's is held against.
-        gates: Instead, a course of so many gates that Course-v0 draws at --seed, and through which the runner finds its
-            way by itself; 0 for none.
+        robots: Number of robots that run the same course in process, for the spread of the figures.
+        gates: Number of gates of a course of Course-v0 at --seed, which the runner passes by its map; 0 for the
+            default course of given commands.
         out: Folder for course.json or course_gates.json, mission.txt and run.log, which `runner replay` repeats bit for
             bit.
-        workers: Processes for the robots in process.
+        workers: Number of processes for --robots.
     """
     require_least(1, robots=robots, workers=workers)
     require_within(0.0, MAX_GATES - 1.0, "1", gates=gates)
@@ -199,20 +199,21 @@ def robot(
     seconds: float = math.inf,
     seed: int = 0,
 ) -> None:
-    """Run the simulated robot alone, in real time, for a runner that you start yourself; Ctrl-C ends it.
+    """Run the simulated robot in real time, for a runner that you start separately; Ctrl-C ends it.
 
     Args:
-        link: ros: the robot's topics; socket: it waits for `runner sim HOST:PORT MISSION`, for each with a new robot.
-        ground: Bring it up for the crawl: it never takes off.
-        preset: Crawler in whose first pose it lies with --ground.
-        operate: Arm and take off without an operator; otherwise publish /spidar/teleop_command/start and so on.
-        master: URI of a running ROS master; one of its own on the loopback if not given.
-        seconds: How long it runs [s].
-        seed: Seed of its noise and asymmetry.
+        link: ros: the robot's topics; socket: waits for `runner sim HOST:PORT MISSION`, with a new robot for each
+            connection.
+        ground: Start on the floor for a crawl, without a take-off.
+        preset: Crawler preset whose first pose the robot has with --ground.
+        operate: Arm and take off automatically; otherwise publish /spidar/teleop_command/start and so on.
+        master: URI of a running ROS master; if not given, a master is started on the loopback.
+        seconds: Duration [s].
+        seed: Seed of the robot's noise and asymmetry.
     """
     require_least(0, seed=seed)
     require_name("link", link, LINKS)
-    crawler_config(preset)  # refuses an unknown name
+    crawler_config(preset)  # raises for an unknown name
     require_above(seconds=seconds)
     mission = crawl_mission(preset) if ground else hover_mission()
     with contextlib.suppress(KeyboardInterrupt):
@@ -229,7 +230,7 @@ def _serve_socket(make: Callable[[], Robot], operate: bool, seconds: float) -> N
 
 
 def _serve_ros(robot: Robot, operate: bool, seconds: float, master: str | None) -> None:
-    from spidar_gym.sitl.link_ros import RosLink  # ROS is loaded by those who use it
+    from spidar_gym.sitl.link_ros import RosLink  # imported late, since ROS is optional
 
     with contextlib.closing(RosLink(master=master)) as end:
         words = " ".join(
@@ -251,18 +252,18 @@ def faults(
     out: Path = Path("out/sitl-faults"),
     json: JsonArg = False,
 ) -> None:
-    """Put every fault into a hover, or into every phase of a course; a table of reactions.
+    """Inject faults into a hover, or into every phase of a course, and print the table of the runner's reactions.
 
-    In a course it goes on where it stopped.
+    An interrupted run over a course resumes.
 
     Args:
-        link: ros: in real time (20 s a fault); socket: in lock-step, without the fault of ROS itself.
-        only: Names of the faults; all that the link allows if none is given.
-        course: Into the phases of a course, in place of a hover.
-        phases: Which of them; all if none is given.
-        sample: Each fault into so many of these phases only, from another one on for each; 0 into all of them.
-        seed: Seed of the robot's noise and of what is drawn.
-        workers: Processes for a course over the socket; in real time there is room for one.
+        link: ros: in real time, 20 s per fault; socket: in lock-step, without the faults of ROS.
+        only: Names of the faults; all of the link if none is given.
+        course: Inject the faults into the phases of a course instead of a hover.
+        phases: Phases of the course; all if none is given.
+        sample: Number of phases per fault, starting at a different phase for each fault; 0 for all phases.
+        seed: Seed of the robot's noise and of the faults' random numbers.
+        workers: Number of processes for a course over the socket; 1 in real time.
         out: Folder for faults.json, or course_faults.json.
     """
     require_least(0, seed=seed, sample=sample)
@@ -270,7 +271,7 @@ def faults(
     course = course or bool(phases) or bool(sample)
     require_least(1, workers=workers)
     if workers > 1 and not (course and link == "socket"):
-        raise InvalidValueError("workers", workers, "1, but for a course over the socket")
+        raise InvalidValueError("workers", workers, "1, or more for a course over the socket")
     names = only or faults_of(link, course=course)
     for name in names:
         require_name(f"fault over {link}", name, faults_of(link, course=course))

@@ -1,4 +1,4 @@
-"""Tables of figures in the guide and README: written from committed JSON between two markers, never by hand."""
+"""Generate the tables of figures in the guide and README, between two markers, from committed JSON."""
 
 import json
 import re
@@ -32,23 +32,23 @@ from spidar_gym.text import format_table
 from spidar_gym.tune.flight import loops, margin_lines
 
 RESULTS = Path("docs") / "results"
-"""Folder of the committed results in a checkout."""
+"""Folder of the committed results in a clone."""
 BEGIN, END = "<!-- table: {} -->", "<!-- /table -->"
-"""Markers around a table; what follows `table:` is a name of `COMPUTED` with its arguments, or of a result."""
+"""Markers around a table; `table:` is followed by a name of `COMPUTED` with its arguments, or by a result's name."""
 MARKED = re.compile(r"^<!-- table: ([^\n]*?) -->\n(?:(?!<!-- table:).)*?^<!-- /table -->$", re.DOTALL | re.MULTILINE)
 KEYS = {"command", "version", "date"}
-"""What every result names: the command that measures it again, the version that did, and when."""
+"""Keys of every result: the command that reproduces it, and version and date of its measurement."""
 
 Lines = list[list[str]]
 
 
 def _compared(root: Path, name: str, base: str, group: str = "") -> Lines:
-    """A row's file against another's; where both have tracks of several kinds, on those of one."""
+    """Return the comparison of two rows, on the tracks of one group if both rows have tracks of several groups."""
     row, other = (read_row(root / "baselines" / "scores" / f"{n}.json") for n in (name, base))
     found = compare_rows(row, other)
     tables = comparison_tables([each for each in found if not group or TRACKS[each.track].group == group])
     if len(tables) != 1:
-        raise InvalidValueError("compare", f"{name} {base}", "rows with tracks of one kind, or the kind behind them")
+        raise InvalidValueError("compare", f"{name} {base}", "rows with tracks of one group, or the group after them")
     return tables[0]
 
 
@@ -58,7 +58,7 @@ def _overall(root: Path, count: str = "") -> Lines:
 
 
 def _track(root: Path, track: str, *names: str) -> Lines:
-    """The rows of a track, or those that are named."""
+    """Return the rows of a track, or only those with the given names."""
     heading, *lines = track_lines(tabulate(read_rows(root / "baselines" / "scores")), track)
     return [heading, *(line for line in lines if not names or line[0] in names)]
 
@@ -76,11 +76,11 @@ SUMMARY = {
         "final position error x y z [mm]", "duration [s]", "Σλ / mg, mean", "endurance (predicted) [min]",
     ),
 }  # fmt: skip
-"""Result → its lines that README shows."""
+"""Result → labels of its lines that README shows."""
 
 
 def _summary(root: Path) -> Lines:
-    """The experiments of the paper in about eight lines, with the ratio of the real RMS errors to the simulated."""
+    """Return the paper's experiments in about eight lines, with the ratio of the real RMS errors to the simulated."""
     lines = [["experiment", "", "simulated", "paper", "paper ÷ simulated"]]
     for name, chosen in SUMMARY.items():
         result = read_result(root / RESULTS / f"{name}.json")
@@ -109,7 +109,7 @@ COMPUTED: dict[str, Callable[..., Lines]] = {
     "summary": _summary,
     "tracks": lambda root: [["track", "what it tests"], *([f"`{name}`", t.doc] for name, t in TRACKS.items())],
 }
-"""Tables made from the rows of the leaderboard and from the code: name → cells, from the checkout and arguments."""
+"""Tables from the leaderboard's rows and from the code: name → function of the clone's root and arguments → cells."""
 DRAWN: dict[str, Callable[[Any], Lines]] = {
     "flight": lambda result: flight_lines(result["flight"]),
     "crawl": lambda result: crawl_lines(result["crawl"]),
@@ -124,11 +124,11 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "steps": lambda result: step_lines(result["steps"]),
     "engine": lambda result: engine_lines(result["engine"]),
 }
-"""What a command prints with `--json` → the table that it prints without: the key `table` of a result."""
+"""Tables of results by the key `table`: the JSON of a command's `--json` → the table that it prints otherwise."""
 
 
 def read_result(path: Path) -> dict[str, Any]:
-    """A committed result (`SpidarError` where it does not say what made it, or has no table)."""
+    """Read a committed result (`SpidarError` if its origin or its table is missing)."""
     try:
         result = json.loads(path.read_text(encoding="utf-8"))
         missing = KEYS - result.keys()
@@ -138,7 +138,7 @@ def read_result(path: Path) -> dict[str, Any]:
         whole = whole and isinstance(notes, list) and all(isinstance(note, str) for note in notes)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise SpidarError(
-            f"{path} is no result: {error}; valid: docs/development/results.md says what it holds"
+            f"{path} is no result: {error}; valid: the format in docs/development/results.md"
         ) from error
     if not whole:
         raise SpidarError(
@@ -149,14 +149,14 @@ def read_result(path: Path) -> dict[str, Any]:
 
 
 def markdown_table(root: Path, name: str) -> str:
-    """A table as Markdown, with the command that made it below.
+    """Return a table as Markdown, followed by the command that produced it.
 
     Args:
-        root: The checkout.
-        name: What a marker says: a name of `COMPUTED` with its arguments, or of a file in `RESULTS`.
+        root: Root of the clone.
+        name: Text of the marker: a name of `COMPUTED` with its arguments, or of a file in `RESULTS`.
 
     Raises:
-        SpidarError: For a name that nothing has, or a result that is damaged.
+        SpidarError: For an unknown name or a damaged result.
     """
     first, *arguments = name.split()
     if first in COMPUTED:
@@ -173,16 +173,16 @@ def markdown_table(root: Path, name: str) -> str:
 
 
 def with_tables(root: Path, text: str) -> str:
-    """A page with every marked table written anew."""
+    """Return a page with every marked table replaced by its current version."""
 
     def written(found: re.Match[str]) -> str:
         return f"{BEGIN.format(found[1])}\n{markdown_table(root, found[1])}\n{END}"
 
     if len(MARKED.findall(text)) != len(re.findall("^<!-- table:", text, re.MULTILINE)):
-        raise SpidarError(f"a table has no end; valid: {BEGIN.format('NAME')} … {END}, each on a line of its own")
+        raise SpidarError(f"a table has no end; valid: {BEGIN.format('NAME')} … {END}, each on a separate line")
     return MARKED.sub(written, text)
 
 
 def pages(root: Path) -> list[Path]:
-    """Every page that may hold tables: README and the guide."""
+    """Return every page that may contain tables: README and the guide."""
     return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from spidar_gym.cli.arguments import Flag, choice
+from spidar_gym.arguments import Flag, choice
 from spidar_gym.cli.evaluate import BASELINES
 from spidar_gym.cli.run import UNDISTURBED, TaskOptions, chosen_arguments
 from spidar_gym.committed import committed_artifacts
@@ -27,24 +27,26 @@ from spidar_gym.viz.live.session import ALONE, Session
 
 @dataclass(frozen=True)
 class WebOptions:
-    """What is shown in a browser, and where."""
+    """Options of the page."""
 
     policy: str | None = None
-    """module:Class or a learned policy's artifact, which choose their controller; with --trust a model's zip."""
+    """module:Class or a learned policy's artifact, which select their controller; with --trust also a zip saved by
+    Stable-Baselines3."""
     trust: Flag = False
-    """Load a zip that Stable-Baselines3 saved, which can run code: only from whom you trust."""
+    """Load zips saved by Stable-Baselines3. They can run any code: use only files that you trust."""
     seed: int = 0
-    """Seed of the first episode; the next ones follow it."""
+    """Seed of the first episode; it increases by 1 per episode."""
     wake: bool = True
-    """Air between the rotors."""
+    """Simulate the rotors' wakes, which reduce the thrust of other rotors."""
     sensors: Flag = False
-    """The controller sees real sensors through the estimator."""
+    """Pass the controller estimates from noisy sensors instead of the true state."""
     randomization: float = 0.0
     """Strength of the domain randomisation, 0 … 1."""
     host: str = HOST
-    """Address to listen on: 127.0.0.1 is for this machine alone; any other is open to the network, by a token."""
+    """Address to listen on: 127.0.0.1 is reachable from this machine only; any other is open to the network and
+    protected by a token."""
     port: int = PORT
-    """Port to listen on, 1 … 65535; 0 takes any that is free."""
+    """Port to listen on, 1 … 65535; 0 selects a free port."""
 
 
 TASK, PAGE = TaskOptions(), WebOptions()
@@ -58,16 +60,17 @@ def view(
     page: Annotated[WebOptions, tyro.conf.arg(name="")] = PAGE,
     disturbances: Annotated[Disturbances, tyro.conf.arg(name="")] = UNDISTURBED,
 ) -> None:
-    """Open MuJoCo's viewer on the robot in a form, or with --web serve a page that shows it flying or crawling live.
+    """Show the robot in a form in MuJoCo's viewer, or with --web simulate it live on a page for a browser.
 
-    The viewer needs a display. The page needs the extra web and a browser, here or at the other end of
-    `ssh -L 8080:localhost:8080`, and no OpenGL on this machine: thrusts, jets, contact forces, errors; form, reference,
-    wind, faults, preset and policy change in flight. Requests of other web pages are refused. Ctrl-C ends it.
+    The viewer requires a display. The page requires the extra web and a browser, on this machine or at the other end
+    of `ssh -L 8080:localhost:8080`, but no OpenGL on this machine. It shows thrusts, jets, contact forces and errors;
+    form, reference, wind, faults, preset and policy can be changed in flight. Requests of other web pages are refused.
+    Ctrl-C ends it.
 
     Args:
         env_id: Environment of the page.
-        form: Form that the robot starts in.
-        web: Serve the page; all other options but --form are the page's.
+        form: Initial form of the robot.
+        web: Serve the page; all other options except --form apply only to the page.
     """
     require_name("form", form, FORMS)
     if not web:
@@ -78,7 +81,7 @@ def view(
     environment(env_id)
     require_least(0, seed=page.seed)
     options = task.given | {name: getattr(page, name) for name in ("wake", "sensors", "randomization")}
-    if page.policy is not None:  # what it chooses nobody else may have chosen
+    if page.policy is not None:  # arguments that the policy selects must not be given as well
         chosen_arguments(load_policy(page.policy, trust=page.trust), page.policy, env_id, task.given)
     session = Session(
         env_id, options, policy=page.policy or ALONE, trust=page.trust, seed=page.seed, form=form,
@@ -89,7 +92,8 @@ def view(
             print(f"{address} shows {env_id}; Ctrl-C ends it", flush=True)
             if not is_loopback(page.host):
                 print(
-                    "spidar: warning: this address, with its token, is all that it takes to steer", file=sys.__stderr__
+                    "spidar: warning: this address and its token are all that is needed to control the robot",
+                    file=sys.__stderr__,
                 )
             keep_time(shown, lambda: False)
     finally:
@@ -97,33 +101,33 @@ def view(
 
 
 def policies(env_id: str, page: WebOptions) -> Iterator[tuple[str, str]]:
-    """Names of what can act in an environment, and what they stand for: what was asked for, then what is committed.
+    """Yield name and specification of each policy for an environment: the requested one, then the committed ones.
 
-    A committed one of the name of what was asked for, mostly the same one, is left out.
+    A committed policy with the name of the requested one, usually the same policy, is omitted.
     """
-    asked = None
+    requested = None
     if page.policy is not None:
-        asked = policy_name(load_policy(page.policy, trust=page.trust))
-        yield asked, page.policy
+        requested = policy_name(load_policy(page.policy, trust=page.trust))
+        yield requested, page.policy
     learned = [name for name in committed_artifacts() if name.endswith("/seed0.npz")]
     for spec in (*BASELINES, *learned):
         policy = load_policy(spec)
-        if policy_name(policy) != asked and policy_arguments(policy, env_id) is not None:
+        if policy_name(policy) != requested and policy_arguments(policy, env_id) is not None:
             yield policy_name(policy), spec
 
 
 def _refuse_page(env_id: str, task: TaskOptions, page: WebOptions, disturbances: Disturbances) -> None:
-    """Refuse what is for the page where there is none."""
+    """Refuse options of the page without --web."""
     given: dict[str, Any] = {"env_id": env_id} if env_id != HOVER else {}
     for options, none in ((task, TASK), (page, PAGE), (disturbances, UNDISTURBED)):
         values = {f.name: getattr(options, f.name) for f in fields(none)}
         given |= {name: value for name, value in values.items() if value != getattr(none, name)}
     for name, value in given.items():
-        raise InvalidValueError(name, value, "--web beside it: MuJoCo's viewer shows the robot in a form")
+        raise InvalidValueError(name, value, "--web with it: MuJoCo's viewer only shows the robot in a form")
 
 
 def _open_window(form: str) -> None:
-    """Open MuJoCo's viewer."""
+    """Open MuJoCo's viewer with the robot in a form."""
     import mujoco
     import mujoco.viewer
 

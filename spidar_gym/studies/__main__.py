@@ -5,9 +5,9 @@ from pathlib import Path
 import tyro
 
 from spidar_gym import viz
+from spidar_gym.arguments import FlightPresetArg, JsonArg
 from spidar_gym.benchmark.track import SCENARIOS
-from spidar_gym.cli.arguments import FlightPresetArg, JsonArg
-from spidar_gym.cli.console import drawn, progress, published, run_cli, studied
+from spidar_gym.console import drawn, progress, published, run_cli, studied
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.files import output_folder

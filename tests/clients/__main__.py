@@ -14,7 +14,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from spidar_gym import __version__
-from spidar_gym.cli.console import run_cli
+from spidar_gym.console import run_cli
 from spidar_gym.errors import require_name
 from spidar_gym.files import output_folder
 from spidar_gym.text import format_table

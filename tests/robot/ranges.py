@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from spidar_gym import __version__
-from spidar_gym.cli.console import run_cli
+from spidar_gym.console import run_cli
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.processes import Pool, cpu_count

@@ -6,14 +6,14 @@ import sys
 import pytest
 
 pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
-from spidar_gym.cli.console import run_cli
+from spidar_gym.console import run_cli
 from train import sights
 
 pytestmark = pytest.mark.train
 
 
 @pytest.mark.parametrize("name", sights.CASES)
-def test_a_learner_learns_and_is_judged(name, monkeypatch, capfd):
+def test_a_learner_is_trained_and_evaluated(name, monkeypatch, capfd):
     monkeypatch.setattr(sights, "JUDGED", 2)
     for options in (sights.CRAWLS, sights.FLIGHTS):
         monkeypatch.setitem(options, "max_episode_steps", 20)
@@ -32,7 +32,7 @@ def test_a_learner_learns_and_is_judged(name, monkeypatch, capfd):
     assert (row["explained"] is None) == name.startswith("crawl")
 
 
-def test_a_learner_that_there_is_not_is_refused(monkeypatch, capfd):
+def test_an_unknown_learner_is_refused(monkeypatch, capfd):
     monkeypatch.setattr(sys, "argv", ["sights", "--only", "walk"])
     with pytest.raises(SystemExit):
         run_cli("train.sights", sights.main)

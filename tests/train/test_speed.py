@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
-from spidar_gym.cli.console import run_cli
+from spidar_gym.console import run_cli
 from train import speed
 from train.lib.config import override
 from train.residual import PRESETS

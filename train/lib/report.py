@@ -8,7 +8,7 @@ from spidar_gym.benchmark.comparison import COMPARED, comparison_text
 from spidar_gym.benchmark.evaluate import evaluate_runs
 from spidar_gym.benchmark.row import BASES, committed_row, eval_command, make_row, write_row
 from spidar_gym.benchmark.track import SCENARIOS
-from spidar_gym.cli.console import progress
+from spidar_gym.console import progress
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import policy_name
 from train.lib.config import Recipe

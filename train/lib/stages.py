@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from tqdm import tqdm
 
-from spidar_gym.cli.console import progress
+from spidar_gym.console import progress
 from train.lib.evaluate import Verdict
 
 T = TypeVar("T")

@@ -10,7 +10,7 @@ import numpy as np
 
 from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
 from spidar_gym.benchmark.track import TRACKS
-from spidar_gym.cli.console import kept
+from spidar_gym.console import kept
 from spidar_gym.errors import require_least
 from spidar_gym.policies.artifact import Artifact
 from spidar_gym.policies.policy import Policy

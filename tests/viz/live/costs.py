@@ -23,8 +23,8 @@ import websockets.asyncio.connection
 from PIL import Image
 
 from spidar_gym import __version__
-from spidar_gym.cli.console import run_cli
 from spidar_gym.cli.view import WebOptions, policies
+from spidar_gym.console import run_cli
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.registry import HOVER
 from spidar_gym.errors import SpidarError

@@ -1,4 +1,7 @@
-"""Command lines that speak plainly: what ends them is one line, and the status 2, 130 of Ctrl-C, or 143 of SIGTERM."""
+"""Shared parts of the command lines: progress bars, one-line errors and exit statuses.
+
+The status is 2 for an error, 130 for Ctrl-C, 143 for SIGTERM and 141 for a closed pipe.
+"""
 
 import contextlib
 import errno
@@ -24,23 +27,23 @@ from spidar_gym.files import FULL, json_text, write_text
 from spidar_gym.processes import LostWorkerError
 
 PATIENCE = 0.1, 10.0
-"""Seconds between two looks at a progress bar: on a terminal, and in a file that keeps each of them."""
+"""Least time between two updates of a progress bar [s]: on a terminal, and in a file, which keeps every update."""
 progress = partial(
     tqdm, file=sys.__stderr__, mininterval=PATIENCE[not (sys.__stderr__ is not None and sys.__stderr__.isatty())]
 )
-"""A progress bar, on the true stderr: while a command is parsed, the other one is kept back."""
+"""A progress bar on the original stderr, since `run_cli` redirects `sys.stderr` while a command runs."""
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM: whoever takes care of Ctrl-C takes care of it too."""
+    """SIGTERM; a subclass of `KeyboardInterrupt`, so that handlers of Ctrl-C also handle SIGTERM."""
 
 
 @contextlib.contextmanager
 def kept(words: Callable[[], str]) -> Iterator[None]:
-    """Let an interruption, or the loss of a worker, say what is kept, and how to go on.
+    """Add a note to an interruption or to the loss of a worker: which results are kept and how to resume.
 
     Args:
-        words: Says so, when it comes to it.
+        words: Returns the note; called only in these cases.
     """
     try:
         yield
@@ -50,14 +53,14 @@ def kept(words: Callable[[], str]) -> Iterator[None]:
 
 
 def published(folder: Path, name: str, result: dict[str, Any], table: str, json: bool) -> str:
-    """Write a result as NAME.json; what to print of it: the same JSON, or the table."""
+    """Write a result as NAME.json, and return the text to print: the same JSON, or the table."""
     text = json_text(result)
     write_text(folder / f"{name}.json", text)
     return text if json else table
 
 
 def drawn(what: str, draw: Callable[[], object]) -> bool:
-    """Draw what can be drawn here; where a library is missing, say so and go on. Whether it was drawn."""
+    """Call `draw` and return whether it succeeded; if a library is missing, print a message with the name `what`."""
     try:
         draw()
     except MissingDependencyError as error:
@@ -67,7 +70,7 @@ def drawn(what: str, draw: Callable[[], object]) -> bool:
 
 
 def named_steps(bar: tqdm) -> Callable[[str], None]:
-    """A function that counts a step of a bar and shows the step's name."""
+    """Return a function that advances a bar by one step and displays the step's name."""
 
     def on_step(name: str) -> None:
         bar.set_postfix_str(name)
@@ -77,24 +80,24 @@ def named_steps(bar: tqdm) -> Callable[[str], None]:
 
 
 def goes_on(bar: tqdm, folder: Path) -> Callable[[], str]:
-    """For `kept`: how much of a bar's work lies in a folder, from which the same command goes on."""
-    return lambda: f"{bar.n} of {bar.total} {bar.unit}s kept in {folder}; the same command goes on"
+    """Return the note for `kept`: how many of a bar's steps are stored in a folder, from which a command resumes."""
+    return lambda: f"{bar.n} of {bar.total} {bar.unit}s kept in {folder}; the same command resumes"
 
 
 def studied(
     folder: Path, name: str, unit: str, total: int, *, json: bool,
     play: Callable[[Path, Callable[[], object]], list[dict[str, Any]]], table: Callable[[list[dict[str, Any]]], str],
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Play a study, whose pieces survive an interruption; write NAME.json, and print it or its table.
+    """Run a resumable study; write NAME.json, and print it or its table.
 
     Args:
-        folder: For NAME.json, and for the pieces while it is unfinished.
-        name: Of the file and of its only key.
-        unit: What a piece is called.
-        total: Pieces in all.
-        json: Whether the JSON is printed.
-        play: Called with the folder of the pieces and what counts them; gives the rows.
-        table: Rows → what is printed of them.
+        folder: Folder for NAME.json, and for finished pieces of the study until it is complete.
+        name: Name of the file and its only key.
+        unit: Unit of the progress bar: the name of a piece.
+        total: Number of pieces.
+        json: Whether to print the JSON instead of the table.
+        play: Called with the folder of the pieces and a function that counts a finished piece; returns the rows.
+        table: Rows → their table as text.
     """
     unfinished = folder / "unfinished"
     with progress(total=total, unit=unit, desc=name) as bar, kept(goes_on(bar, unfinished)):
@@ -107,7 +110,7 @@ def studied(
 
 @contextlib.contextmanager
 def _terminated() -> Iterator[None]:
-    """SIGTERM raises `Terminated`, unless it has a meaning already."""
+    """Make SIGTERM raise `Terminated`, unless another handler is installed."""
 
     def terminate(number: int, frame: FrameType | None) -> None:
         raise Terminated
@@ -124,20 +127,20 @@ def _terminated() -> Iterator[None]:
 
 
 def run_cli(prog: str, call: Callable[[], object]) -> None:
-    """Call a command line and put whatever it refuses on one line.
+    """Call a command line, and print any error on one line.
 
     Args:
-        prog: Name before the message.
-        call: The parser with what it calls.
+        prog: Name of the program, printed before the message.
+        call: Parses the arguments and runs the command.
     """
-    # The parser draws boxes; while it may speak, stderr is kept back, and a refusal is put on one line.
-    told = io.StringIO()
+    # The parser prints errors in boxes. Its stderr is captured, so that an error is reformatted to one line.
+    captured = io.StringIO()
 
     def say(*words: str) -> None:
         print(f"{prog}: {' '.join('; '.join(words).split())}", file=sys.__stderr__)
 
     try:
-        with contextlib.redirect_stderr(told), _terminated(), _output():
+        with contextlib.redirect_stderr(captured), _terminated(), _output():
             call()
     except SpidarError as error:
         say(str(error), *getattr(error, "__notes__", ()))
@@ -145,26 +148,26 @@ def run_cli(prog: str, call: Callable[[], object]) -> None:
     except KeyboardInterrupt as stop:
         ended = isinstance(stop, Terminated)
         say("terminated" if ended else "interrupted", *getattr(stop, "__notes__", ()))
-        # Python would look through all that torch and the like have made before it ends: two seconds.
+        # Skips garbage collection at exit, which takes two seconds after an import of torch.
         gc.freeze()
         sys.exit(143 if ended else 130)
     except SystemExit as stop:
-        if stop.code not in (0, None) and told.getvalue():
-            words = refusal(told.getvalue())
-            told.truncate(0)
+        if stop.code not in (0, None) and captured.getvalue():
+            words = refusal(captured.getvalue())
+            captured.truncate(0)
             say(words)
             sys.exit(2)
         raise
     finally:
-        print(told.getvalue(), end="", file=sys.__stderr__)
+        print(captured.getvalue(), end="", file=sys.__stderr__)
 
 
 @contextlib.contextmanager
 def _output() -> Iterator[None]:
-    """Write what a command prints: characters that its encoding lacks become question marks.
+    """Handle errors of the standard output.
 
-    A reader that has gone, as `head` goes, ends it without a word, by the status that shells give; a full disk ends it
-    in `SpidarError`.
+    Characters that the encoding lacks become question marks. A closed pipe, for example to `head`, exits silently with
+    status 141, as in a shell. A full disk raises `SpidarError`.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
@@ -172,17 +175,17 @@ def _output() -> Iterator[None]:
         try:
             yield
         finally:
-            if sys.__stdout__ is not None:  # None where the shell closed it
+            if sys.__stdout__ is not None:  # None if the shell closed it
                 sys.stdout.flush()
     except BrokenPipeError:
         broken = select.poll()
         broken.register(sys.stdout.fileno(), 0)
-        if not broken.poll(0):  # it was another pipe
+        if not broken.poll(0):  # another pipe broke
             raise
         _discard_output()
         sys.exit(141)
     except OSError as error:
-        if error.errno not in (*FULL, errno.EBADF) or error.filename is not None:  # of a file
+        if error.errno not in (*FULL, errno.EBADF) or error.filename is not None:  # an error of a file
             raise
         _discard_output()
         raise SpidarError(
@@ -191,19 +194,19 @@ def _output() -> Iterator[None]:
 
 
 def _discard_output() -> None:
-    """Send to nowhere what is left of the standard output, or Python would complain of it at its end."""
+    """Discard the remaining standard output, which would otherwise cause an error when Python exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 KINDS = {"INT": "a whole number", "FLOAT": "a number", "PATH": "a path"}
-"""What the parser calls a kind of value → what people call it."""
+"""The parser's name of a type → its name in messages."""
 
 
 def refusal(box: str) -> str:
-    """What the parser refuses, without its box and its types' names, in one line.
+    """Return the parser's error message on one line, without its box and its names of types.
 
     Args:
-        box: What it printed.
+        box: Output of the parser.
     """
     text = " ".join(box.translate(dict.fromkeys(map(ord, "╭╮╰╯│─"), " ")).split())
     wrong = re.search(
@@ -214,5 +217,5 @@ def refusal(box: str) -> str:
         *_, value = re.findall(r"'.*?'", reason) or ["this"]
         expected = " or ".join(KINDS.get(word, word) for word in kind.split("|") if word != "{None}")
         return f"{option} = {value} is not valid; expected {expected}: {doc}"
-    # The box's title says once more what its first words say; of a group of options no user has heard.
+    # Remove the box's title, which repeats the first words, and internal names of option groups.
     return re.sub(r"^((Unrecognized options|Missing \w+) (?=[A-Z])|Value error Error parsing \S+: )", "", text)

@@ -1,4 +1,4 @@
-"""Arguments that several commands have, each with its help: switches, names out of a table, what is printed."""
+"""Annotated types of arguments that several commands share: switches, choices and the format of the output."""
 
 from collections.abc import Iterable
 from typing import Annotated, Any
@@ -10,16 +10,16 @@ from spidar_gym.sim.stage import VIEWS
 
 
 def choice(names: Iterable[str], help_text: str | None = None) -> Any:  # noqa: ANN401 - tyro's own annotation
-    """An annotation with which the help shows names; the command refuses others, in its own words."""
+    """Return an annotation that makes the help list `names`; the command itself refuses other names."""
     return tyro.conf.arg(metavar="{" + ",".join(names) + "}", help=help_text)
 
 
 Flag = tyro.conf.FlagCreatePairsOff[bool]
-"""A switch that is off where it is not named."""
-JsonArg = Annotated[Flag, tyro.conf.arg(help="Print one JSON object on stdout and nothing else there.")]
+"""A switch, off by default, without a negated form."""
+JsonArg = Annotated[Flag, tyro.conf.arg(help="Print one JSON object on stdout instead of text.")]
 FlightPresetArg = Annotated[str, choice(PRESETS)]
 CrawlPresetArg = Annotated[str, choice(CRAWL_PRESETS)]
 AnyPresetArg = Annotated[str | None, choice((*PRESETS, *CRAWL_PRESETS))]
 CameraArg = Annotated[
-    str, choice(VIEWS, "Camera of the video; fixed sees everything, the others follow and take longer.")
+    str, choice(VIEWS, "Camera of the video; fixed shows the whole scene, the others follow the robot and are slower.")
 ]
