@@ -46,7 +46,7 @@ def numbers(told):
 
 @pytest.mark.parametrize("name", ["torch", JAX])
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
-def test_a_single_environment_tells_numbers_and_all_of_them_are_tensors(env_id, name):
+def test_all_numbers_of_a_single_environment_are_tensors(env_id, name):
     options = {"max_episode_steps": 4, "randomization": 0.5}
     one, plain = converted(Coded(gymnasium.make(env_id, **options)), name, "one"), gymnasium.make(env_id, **options)
     xp = library(name)
@@ -81,7 +81,7 @@ def assert_tells_the_same(told, known, words):
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.value)
 @pytest.mark.parametrize("kind", ["native", "sync"])
 @pytest.mark.parametrize("env_id", [HOVER, CRAWL])
-def test_vectors_tell_tensors_through_the_end_of_an_episode(env_id, kind, mode, name):
+def test_vectors_return_tensors_through_the_end_of_an_episode(env_id, kind, mode, name):
     if (kind, mode.value) == ("sync", "SameStep"):
         pytest.skip("Gymnasium cannot convert the objects in `final_obs` of its own vectors, whatever the environment")
     if kind == "native":
@@ -102,7 +102,7 @@ def test_vectors_tell_tensors_through_the_end_of_an_episode(env_id, kind, mode, 
         assert np.asarray(told["final_obs"]).shape == np.asarray(seen).shape
 
 
-def test_what_the_guide_shows_is_judged_at_the_end_of_the_episodes():
+def test_what_the_guide_shows_reports_success_at_the_end_of_the_episodes():
     import torch
 
     native = run_shown("converters native")

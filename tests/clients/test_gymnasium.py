@@ -43,7 +43,7 @@ def test_what_the_guide_shows_runs_to_the_end_of_the_first_episodes():
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.value)
 @pytest.mark.parametrize("kind", ["native", "sync"])
-def test_episodes_go_on_in_each_way_and_are_judged_where_they_end(kind, mode, name):
+def test_episodes_continue_in_each_autoreset_mode_and_report_success_at_their_end(kind, mode, name):
     envs = gymnasium.make_vec(name, 2, max_episode_steps=4, **settings(kind, mode))
     envs.reset(seed=0)
     zero = np.zeros(envs.action_space.shape, np.float32)

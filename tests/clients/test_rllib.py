@@ -7,7 +7,7 @@ from support.clients import STEPS, assert_judged_at_the_end, needs, run_shown
 pytestmark = [*needs("ray", "tree", "lz4", "torch"), pytest.mark.train]
 
 
-def test_what_the_guide_shows_learns_and_its_episodes_are_judged_at_their_end():
+def test_what_the_guide_shows_learns_and_its_episodes_report_success_at_their_end():
     made = run_shown("rllib")
     result, algorithm = made["result"], made["algorithm"]
     assert (result["episode_len_min"], result["episode_len_max"]) == (STEPS, STEPS)

@@ -6,7 +6,7 @@ from support.clients import STEPS, assert_judged_at_the_end, needs, run_shown
 pytestmark = [*needs("skrl", "torch"), pytest.mark.train]
 
 
-def test_what_the_guide_shows_learns_and_its_episodes_are_judged_at_their_end(tmp_path, monkeypatch):
+def test_what_the_guide_shows_learns_and_its_episodes_report_success_at_their_end(tmp_path, monkeypatch):
     import torch
 
     monkeypatch.chdir(tmp_path)  # skrl writes its logs to the working folder

@@ -7,7 +7,7 @@ from support.clients import STEPS, assert_judged_at_the_end, needs, run_shown
 pytestmark = [*needs("tianshou"), pytest.mark.train]
 
 
-def test_what_the_guide_shows_learns_and_its_buffer_knows_what_was_told():
+def test_what_the_guide_shows_learns_and_its_buffer_stores_all_of_info():
     made = run_shown("tianshou")
     result, collector = made["result"], made["collector"]
     assert (result.train_step, result.train_episode) == (480, 8)

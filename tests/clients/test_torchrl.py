@@ -8,7 +8,7 @@ from spidar_gym.envs.registry import ENVIRONMENTS
 pytestmark = [*needs("torchrl", "torch"), pytest.mark.train]
 
 
-def test_what_the_guide_shows_collects_episodes_that_end_where_they_are_told_to():
+def test_what_the_guide_shows_collects_episodes_with_the_right_ends():
     import torch
 
     made = run_shown("torchrl")
@@ -32,7 +32,7 @@ def test_what_the_guide_shows_collects_episodes_that_end_where_they_are_told_to(
             assert_judged_at_the_end(successes)
 
 
-def test_torchrl_itself_takes_no_words_of_gymnasiums_own_vectors():
+def test_torchrl_itself_rejects_texts_of_gymnasiums_own_vectors():
     """The reason for the exception in the guide's table: if this test fails, TorchRL supports it."""
     import gymnasium
     from torchrl.envs import GymWrapper

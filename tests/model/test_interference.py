@@ -203,7 +203,7 @@ def test_turning_the_robot_by_a_leg_turns_the_restricted_rotors(model):
     assert restricted > 10
 
 
-def test_legs_folded_up_may_not_blow_on_the_torso(model):
+def test_folded_legs_are_restricted_by_the_torso(model):
     snapshot, nominal = upright(model, pitched(-90.0, 60.0))
     result = find_interference(snapshot, nominal, no_interference(), config=CONFIG)
     assert result.restricted[INNER].all()

@@ -96,7 +96,7 @@ class Both:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_mujoco_and_pinocchio_agree_on_a_robot_of_ones_own_to_a_billionth(name):
+def test_mujoco_and_pinocchio_agree_on_a_custom_robot_to_a_billionth(name):
     both, rng = Both(ROBOTS[name]), np.random.default_rng(0)
     for _ in range(50):
         both.move(rng)
@@ -114,7 +114,7 @@ def test_the_model_of_a_robot_has_its_mass_and_its_feet(name):
     np.testing.assert_allclose(np.hypot(feet.position_b[:, 0], feet.position_b[:, 1]), reach, rtol=1e-12)
 
 
-def test_two_robots_live_in_one_process():
+def test_one_process_can_use_two_robots():
     pose = np.full(16, 0.3), np.eye(3), np.zeros((8, 2))
     nominal, long = Model(), Model(LONG)
     before = nominal.snapshot(*pose)

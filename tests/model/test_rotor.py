@@ -71,7 +71,7 @@ def in_one_plane(phi, other):
     return np.abs((phi - other + math.pi / 2) % math.pi - math.pi / 2)
 
 
-def test_forces_survive_the_way_over_angles_and_back():
+def test_forces_are_recovered_from_their_angles():
     rng = np.random.default_rng(1)
     for _ in range(50):
         forces = rng.normal(size=(8, 3)) * 20.0

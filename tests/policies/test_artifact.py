@@ -281,7 +281,7 @@ def test_a_network_with_traces_and_a_skip_in_torso_axes_is_read_as_it_was_writte
         np.testing.assert_array_equal(found.act(x[row]), action[row])
 
 
-def test_a_file_of_format_2_says_which_version_of_its_controller_it_was_learned_on(tmp_path):
+def test_a_file_of_format_2_states_the_version_of_its_controller(tmp_path):
     write_artifact(flier(arguments={"preset": "tuned"}), tmp_path / "net.npz")
     assert read_artifact(tmp_path / "net.npz").arguments == {"preset": "tuned"}
     old = rewritten(

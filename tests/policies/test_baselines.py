@@ -63,7 +63,7 @@ def across(demand):
 
 
 @pytest.mark.parametrize("spec", BASELINES)
-def test_a_baseline_is_where_its_file_says_and_flies_or_crawls_as_its_doc_says(spec):
+def test_a_baseline_is_defined_on_the_environments_that_its_doc_states(spec):
     policy = load_policy(spec)
     doc = policy_doc(policy)
     (only,) = re.findall(r"(flights|crawls|courses) only", doc) or [""]
@@ -83,7 +83,7 @@ def test_a_baseline_is_where_its_file_says_and_flies_or_crawls_as_its_doc_says(s
         gymnasium.make(env_id, **arguments).close()
 
 
-def test_every_baseline_has_a_name_and_a_doc_of_its_own():
+def test_every_baseline_has_a_unique_name_and_doc():
     policies = [load_policy(spec) for spec in BASELINES]
     names = [policy_name(policy) for policy in policies]
     assert len(set(names)) == len(names)

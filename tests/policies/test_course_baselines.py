@@ -83,7 +83,7 @@ def test_no_way_with_one_flight_or_none_is_cheaper(planner):
     assert found <= min(ways) + 1e-9
 
 
-def test_the_planner_lands_where_it_is_told_next_and_does_not_think_over_what_has_begun(planner):
+def test_the_planner_lands_at_its_target_and_does_not_revise_a_started_change(planner):
     own, course = planner.CoursePlanner(), Course((), Pose2(HERE + 6.0))
     up = own.choose(Seen(course, x=HERE))
     assert up.flies
@@ -95,7 +95,7 @@ def test_the_planner_lands_where_it_is_told_next_and_does_not_think_over_what_ha
 
 
 @pytest.mark.parametrize("phase", ["lie", "hover"])
-def test_who_never_crawls_waits_before_a_beam_and_who_never_flies_goes_straight_to_the_goal(phase):
+def test_the_flying_baseline_waits_before_a_beam_and_the_crawling_one_goes_straight_to_the_goal(phase):
     module = importlib.import_module("baselines.course")
     course = Course((BEAM,), Pose2(8.0, 0.3, 0.2))
     fly, crawl, rule = module.CourseFly(), module.CourseCrawl(), module.CourseRule()

@@ -33,7 +33,7 @@ print("torch" in sys.modules and sys.modules["torch"] is not None)
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
 
 
-def test_a_zip_without_trust_is_refused_in_a_line_that_says_what_is_valid_and_loads_no_framework(tmp_path):
+def test_a_zip_without_trust_is_refused_in_one_line_and_loads_no_framework(tmp_path):
     path = tmp_path / "model.zip"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("data", "{}")
@@ -46,7 +46,7 @@ def test_a_zip_without_trust_is_refused_in_a_line_that_says_what_is_valid_and_lo
 
 
 @pytest.mark.parametrize("missing", ["torch", "stable_baselines3"])
-def test_a_trusted_zip_without_the_extra_is_refused_in_a_line_that_says_how_to_get_it(missing):
+def test_a_trusted_zip_without_the_extra_is_refused_with_the_install_command(missing):
     refusal, _ = asked(f"sys.modules[{missing!r}] = None", repr("model.zip"), "trust=True").splitlines()
     assert refusal.startswith("MissingDependencyError")
     assert "pip install 'spidar-gym[train]'" in refusal
@@ -75,7 +75,7 @@ def test_a_committed_artifact_is_found_from_any_folder_by_the_name_that_its_row_
     assert export_files(golden=False, residual=Path(MEMORY)) == export_files(golden=False, residual=ROOT / MEMORY)
 
 
-def test_an_artifact_of_ones_own_goes_before_a_committed_one_of_its_name(tmp_path, monkeypatch):
+def test_a_local_artifact_takes_precedence_over_a_committed_one_of_its_name(tmp_path, monkeypatch):
     (tmp_path / MEMORY).parent.mkdir(parents=True)
     (tmp_path / MEMORY).write_bytes((ROOT / "baselines/learned/gait/seed0.npz").read_bytes())
     committed = policy_digest(load_policy(str(ROOT / MEMORY)))

@@ -127,6 +127,6 @@ def test_what_is_no_network_is_refused(options):
         made(**options)
 
 
-def test_an_artifact_that_is_no_network_says_what_is_expected():
+def test_the_error_of_an_invalid_network_states_the_expected_shape():
     with pytest.raises(InvalidValueError, match=r"weights = \(8, 4\) .*expected \(8, 3\)"):
         made(weights=network((4, 8, 5, 2))[0])

@@ -119,7 +119,7 @@ def swallowing():
 # Loading
 
 
-def test_a_class_in_the_working_folder_is_found_and_every_time_made_anew():
+def test_a_class_in_the_working_folder_is_found_and_instantiated_at_every_load():
     first, second = load_policy("mine:Fine"), load_policy("mine:Fine")
     assert isinstance(first, Policy)
     assert type(first).__name__ == "Fine"
@@ -141,7 +141,7 @@ def test_an_object_is_taken_as_it_is():
         ("mine:text", "lacks reset or act"), ("nothing.npz", "nothing.npz"),
     ],
 )  # fmt: skip
-def test_what_is_no_policy_is_refused_in_one_line_that_says_what_is_valid(spec, words):
+def test_what_is_no_policy_is_refused_in_one_line_with_valid_forms(spec, words):
     with pytest.raises(SpidarError) as refusal:
         load_policy(spec)
     message = str(refusal.value)
@@ -154,7 +154,7 @@ def test_what_is_no_policy_is_refused_in_one_line_that_says_what_is_valid(spec, 
 
 
 @pytest.mark.parametrize("name", ["mine", "mine_2", "Mine-3"])
-def test_a_policy_is_called_what_it_says(name):
+def test_a_policy_has_its_stated_name(name):
     policy = Does(lambda: ZERO)
     policy.name = name
     assert policy_name(policy) == name
@@ -324,7 +324,7 @@ def test_a_policy_learns_the_actions_length_and_the_episodes_seed():
     assert PresetPolicy.act(policy, ZERO).shape == (6,)
 
 
-def test_ctrl_c_is_nobodys_error():
+def test_ctrl_c_is_not_reported_as_an_error_of_the_policy():
     def interrupt():
         raise KeyboardInterrupt
 

@@ -123,7 +123,7 @@ HEAVY = PlantConfig(body=BodyConfig(total_mass=1.05 * ROBOT.total_mass))
 
 
 @pytest.mark.parametrize("name", ["indi", "adrc"])
-def test_a_law_without_integrals_that_observes_all_of_what_pulls_stands_where_it_should(name):
+def test_a_law_with_a_full_observer_has_no_static_error_without_integrals(name):
     arguments = rival(name).SEARCH.arguments({p.name: p.start for p in rival(name).SEARCH.parameters})
     config = arguments["controller"]
     gains = np.array([*config.centroidal.position_gains, *config.centroidal.attitude_gains])
@@ -137,7 +137,7 @@ def test_a_law_without_integrals_that_observes_all_of_what_pulls_stands_where_it
     assert hover({"controller": blind}, plant=HEAVY)[2] == pytest.approx(sag, rel=0.1)
 
 
-def test_compensation_lets_rotors_blow_on_the_robot_and_pays_with_thrust():
+def test_compensation_allows_interference():
     scenarios = load_scenarios("flight-narrow", "validation")[0][:1]
     free, tuned = (
         play(policy, "flight-narrow", scenarios)[0]["metrics"]
@@ -171,7 +171,7 @@ def test_the_feedback_is_the_optimum_over_the_horizon():
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.4, 1.0])
-def test_rotors_that_are_asked_for_the_target_give_what_is_needed(delay):
+def test_rotors_commanded_with_the_target_reach_the_needed_acceleration(delay):
     mpc, beta = rival("mpc"), 0.6
     time = mpc.DT * np.arange(60)
     needed = np.sin(3.0 * time)
@@ -327,7 +327,7 @@ def test_a_way_is_bent_around_jets_and_no_joint_is_faster_on_it_than_on_the_stra
     assert np.mean(depth) < 0.2 * np.mean(direct)
 
 
-def test_a_form_in_its_own_jets_has_no_free_way_and_the_plan_says_so():
+def test_a_form_in_its_own_jets_has_no_free_path_and_the_plan_states_so():
     planning = rival("planning")
     to, back = (planning.plan_between(FORMS[a], FORMS[b], 60) for a, b in (("form1", "form3"), ("form3", "form1")))
     assert to.goal > 1.0

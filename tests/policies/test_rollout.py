@@ -68,12 +68,12 @@ def test_the_steps_are_those_of_the_environment():
         assert step.seconds > 0.0
 
 
-def test_the_zero_action_is_played_where_nobody_acts():
+def test_the_zero_action_is_used_without_a_policy():
     env = Script(terminated=3)
     assert [step.action.tolist() for step in rollout(env, seed=1)] == [[0.0, 0.0]] * 3
 
 
-def test_the_episode_begins_at_once_and_goes_on_as_it_is_asked_for():
+def test_the_episode_is_reset_at_once_and_stepped_on_demand():
     env, policy = Script(), Notes()
     steps = rollout(env, policy, seed=7, options={"a": 1})
     assert (env.log, policy.seeds, policy.seen) == ([(7, {"a": 1})], [7], [])

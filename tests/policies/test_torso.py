@@ -60,7 +60,7 @@ def test_links_are_where_pinocchio_has_them():
         )  # fmt: skip
 
 
-def test_entries_are_those_of_the_layout_and_features_say_what_they_see():
+def test_entries_match_the_layout_and_features_match_the_observation():
     rng = np.random.default_rng(1)
     assert sum(field.size for field in layout(40)) == torso.OBSERVATION
     observation = seen(rng)
@@ -158,7 +158,7 @@ def test_commanded_joints_are_where_they_were_measured_first_then_asked_and_else
     np.testing.assert_array_equal(joints.position[[0, 2]], moved[[0, 2]])
 
 
-def test_what_is_said_again_and_again_is_done_and_at_once_where_phi_may_turn():
+def test_a_constant_output_is_reached_and_at_once_if_phi_need_not_turn_far():
     rng = np.random.default_rng(3)
     observation, said = seen(rng), rng.uniform(-1.0, 1.0, (20, 40))
     said[:, 24:] = 0.0
@@ -207,7 +207,7 @@ def test_each_robot_of_many_is_answered_as_it_would_be_alone(dtype):
         np.testing.assert_array_equal(torso.command(said[k], observation[k]), many[1][k])
 
 
-def test_a_robot_turned_by_a_quarter_flies_nearly_as_it_did_if_what_it_is_told_is_turned_too():
+def test_the_flight_of_a_robot_is_nearly_equivariant_to_a_quarter_turn():
     rng, by_leg = np.random.default_rng(7), torso.Turn.passed_on(16)
     by_axis = torso.Turn(np.array([1, 0, 2]), np.array([-1.0, 1.0, 1.0]))
     forms, offset, tilt = rng.uniform(-0.6, 0.6, (2, 16)), np.array([0.02, -0.03, 0.01]), np.array([0.05, -0.02, 0.03])

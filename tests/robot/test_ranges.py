@@ -20,12 +20,12 @@ def test_a_robot_at_either_end_of_a_range_is_simulated_well_and_one_beyond_it_is
             make(beyond)
 
 
-def test_far_away_is_not_simulated_well():
+def test_positions_far_away_are_not_simulated_accurately():
     assert not well("place of a payload of 1 kg on the torso [m]", 1e6)
     assert not well("mass of the part roll_module [kg]", 1e-12)
 
 
-def test_ranges_are_asked_again_afterwards():
+def test_ranges_are_validated_again_afterwards():
     range_ = Range(1.0, 2.0, "m")
     with any_size():
         range_.require("length", 3.0)

@@ -23,7 +23,7 @@ def test_longer_links_are_heavier_by_their_length():
     assert LONG.diameter == pytest.approx(ROBOT.diameter + 0.4 * ROBOT.pitch_to_foot)
 
 
-def test_a_part_has_the_mass_that_is_given():
+def test_a_part_has_the_specified_mass():
     heavy = RobotSpec.parse({"part_masses": {"battery": 0.6}})
     assert heavy.total_mass == pytest.approx(16.0 + 8 * (0.6 - PARTS["battery"].mass * DENSITY), rel=1e-5)
     assert heavy.part_masses == (("battery", 0.6),)

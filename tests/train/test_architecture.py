@@ -31,7 +31,7 @@ def imported(path, *packages):
                 yield name, node not in tree.body
 
 
-def test_nothing_is_imported_in_a_circle_and_the_library_knows_no_recipe():
+def test_imports_have_no_cycles_and_the_library_imports_no_recipe():
     graph = {name: {module for module, _ in imported(path, "train")} for name, path in FILES.items()}
     assert graph["train.presets"] == {"train.residual"}
     TopologicalSorter(graph).prepare()  # raises for a cycle
@@ -41,7 +41,7 @@ def test_nothing_is_imported_in_a_circle_and_the_library_knows_no_recipe():
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_file_imports_the_others_openly_says_what_it_is_for_and_fits_a_reader(name):
+def test_every_file_is_documented_short_and_imports_at_the_top_level(name):
     text = FILES[name].read_text(encoding="utf-8")
     assert ast.get_docstring(ast.parse(text))
     assert len(text.splitlines()) <= 420
@@ -49,7 +49,7 @@ def test_every_file_imports_the_others_openly_says_what_it_is_for_and_fits_a_rea
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_what_help_does_without_is_imported_where_a_run_begins(name):
+def test_frameworks_are_imported_only_when_a_run_starts(name):
     loaded = {module for module, inside in imported(FILES[name], "train", *FRAMEWORKS) if not inside}
     assert name in LEARNING or not LEARNING & loaded
     assert name in LEARNING or not {module.split(".")[0] for module in loaded} & FRAMEWORKS

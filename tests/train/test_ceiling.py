@@ -18,7 +18,7 @@ pytestmark = pytest.mark.train
 
 
 @pytest.mark.parametrize("law", LAWS.values())
-def test_a_law_that_knows_sees_the_weight_that_the_description_lacks_and_stands(law):
+def test_a_law_with_the_exact_wrench_compensates_an_undescribed_weight(law):
     plant = PlantConfig(body=BodyConfig(total_mass=1.05 * ROBOT.total_mass))
     env = gymnasium.make(HOVER, forms="form2", plant=plant, law=law, horizon_s=6.0)
     env.reset(seed=0)
@@ -32,7 +32,7 @@ def test_a_law_that_knows_sees_the_weight_that_the_description_lacks_and_stands(
     assert info["position_error"] == pytest.approx(np.zeros(3), abs=5e-3)
 
 
-def test_what_they_gain_is_counted_in_pairs_and_the_table_has_them_all(monkeypatch):
+def test_gains_are_paired_differences_and_the_table_lists_all_laws(monkeypatch):
     monkeypatch.setattr(ceiling, "TRACKS", ("flight-wind",))
     verdicts = measure(Args(scenarios=1, workers=1))
     assert list(verdicts) == list(LAWS)

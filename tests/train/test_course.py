@@ -26,7 +26,7 @@ TRACK = "course-gates"
 TINY = override(PRESETS["rule"], tracks=(TRACK,), courses=2, scenarios=2, workers=1)
 
 
-def test_only_what_is_learned_is_another_number_than_the_rules():
+def test_only_learned_parameters_differ_from_the_rule():
     args = override(TINY, learned=("speed", "near"))
     (layer,) = artifact(args, np.array([0.5, -0.5]), State()).biases
     found, present = rule_numbers(layer), rule_numbers(np.zeros(len(RANGES)))
@@ -35,7 +35,7 @@ def test_only_what_is_learned_is_another_number_than_the_rules():
     assert found.near < present.near
 
 
-def test_courses_of_a_generation_are_its_own_and_none_to_validate_on():
+def test_each_generation_has_its_own_courses_and_none_of_the_validation():
     first, again, second, other = (
         [one.seed for _, own in draw_scenarios(override(TINY, seed=s), g, 3) for one in own]
         for s, g in ((0, 0), (0, 0), (0, 1), (1, 0))
@@ -71,7 +71,7 @@ def numbers_of(policy):
     return policy.artifact.biases[0] if isinstance(policy, LearnedPolicy) else np.zeros(len(RANGES))
 
 
-def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
+def test_a_run_depends_on_its_seed_alone_and_resumes_where_it_was_interrupted(tmp_path, monkeypatch):
     calls, stop = [], 0
 
     def bowl(policy, _name, scenarios, **_how):

@@ -47,21 +47,21 @@ def test_all_seeds_of_a_row_are_in_one_file_and_start_as_their_base(tmp_path):
     assert panels([curve], "flight-fast5") == {}
 
 
-def test_a_run_from_nothing_does_not_start_as_the_controller_that_it_is_compared_with(tmp_path):
+def test_the_curve_of_a_run_without_controller_does_not_start_at_the_base(tmp_path):
     run(tmp_path / "runs", 0, line(100, 9.0, 4.0), settings={"action_mode": "direct"})
     (path,) = gather(tmp_path / "runs", tmp_path / "curves")
     (curve,) = panels([read_curve(path)], "flight-fast3")["position_rms_m"]["ppo"]
     assert (curve.ticks, curve.values) == ((100,), pytest.approx([0.1]))
 
 
-def test_a_run_that_was_taught_does_not_start_as_its_opponent_either(tmp_path):
+def test_the_curve_of_imitation_does_not_start_at_the_base(tmp_path):
     run(tmp_path / "runs", 0, line(100, -0.5, 0.0), command="python -m train.distill hover --seed 0")
     (path,) = gather(tmp_path / "runs", tmp_path / "curves")
     (curve,) = panels([read_curve(path)], "flight-fast3")["position_rms_m"]["ppo"]
     assert (curve.ticks, curve.values) == ((100,), pytest.approx([0.005]))
 
 
-def test_the_guide_says_what_every_committed_row_cost(tmp_path):
+def test_the_guide_lists_the_costs_of_every_committed_row(tmp_path):
     curves = [read_curve(path) for path in sorted((ROOT / "train" / "curves").glob("*.json"))]
     write_costs(curves, tmp_path / "costs.json")
     assert read_result(tmp_path / "costs.json")["lines"] == cost_lines(curves)

@@ -25,7 +25,7 @@ TINY = override(
 )  # fmt: skip
 
 
-def test_who_says_what_the_teacher_said_a_tick_ago_flies_nearly_as_well():
+def test_the_teachers_answers_flown_one_tick_late_keep_errors_small():
     flights, rng = TaughtFlights(("flight-forms",), "tuned", 3, 1, (1.0,)), np.random.default_rng(0)
     said = flights.fly(None, 60, rng).answers[-3:]
     worst = 0.0
@@ -83,7 +83,7 @@ def test_a_full_shelf_keeps_the_latest_lessons():
     assert float((drawn == 2.0).float().mean()) == pytest.approx(0.7, abs=0.06)
 
 
-def test_the_same_seed_gives_the_same_bytes_and_a_policy_without_traces_sees_none(tmp_path):
+def test_equal_seeds_yield_equal_bytes_and_traces_are_optional(tmp_path):
     first, again = (learn(override(TINY, out=tmp_path / name)) for name in ("a", "b"))
     assert first.read_bytes() == again.read_bytes()
     net = read_artifact(first)
@@ -126,7 +126,7 @@ def interrupted(args, monkeypatch, owner, name, n):
         ((Run, "publish"), (2,)),  # at the end of the run
     ],
 )
-def test_a_run_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(where, stops, whole, tmp_path, monkeypatch):
+def test_an_interrupted_run_resumes_and_ends_with_the_same_bytes(where, stops, whole, tmp_path, monkeypatch):
     args = override(TINY, out=tmp_path)
     for n in stops:
         words = interrupted(args, monkeypatch, *where, n)
@@ -152,7 +152,7 @@ def test_lessons_that_are_not_those_of_the_run_are_refused_in_one_line(tmp_path,
         learn(args)
 
 
-def test_turned_by_a_quarter_a_network_says_the_same_turned_but_for_a_constant(tmp_path):
+def test_a_network_is_equivariant_to_quarter_turns_up_to_a_constant(tmp_path):
     found = read_artifact(learn(override(TINY, out=tmp_path)))
     free = read_artifact(learn(override(TINY, symmetric=False, out=tmp_path / "free")))
     turn, shown = (
@@ -178,7 +178,7 @@ def test_turned_by_a_quarter_a_network_says_the_same_turned_but_for_a_constant(t
 @pytest.mark.parametrize(
     "changes", [{"robots": 0}, {"tracks": ("ground-paper",)}, {"tracks": ("flight-path",)}, {"rounds": 0}]
 )
-def test_what_is_no_course_is_refused(changes):
+def test_invalid_settings_are_refused(changes):
     with pytest.raises(InvalidValueError):
         replace(TINY, **changes)
 

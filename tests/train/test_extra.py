@@ -35,7 +35,7 @@ def called(tmp_path):
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
-def test_a_script_without_its_extra_says_in_one_line_what_to_install(script, called):
+def test_a_script_without_its_extra_states_in_one_line_what_to_install(script, called):
     told = called(script, *SCRIPTS[script])
     assert (told.returncode, told.stdout) == (2, "")
     (line,) = told.stderr.splitlines()
@@ -44,7 +44,7 @@ def test_a_script_without_its_extra_says_in_one_line_what_to_install(script, cal
 
 
 @pytest.mark.parametrize("script", [*SCRIPTS, "headroom", "curves", "presets", "rllib"])
-def test_help_is_there_without_the_extra(script, called):
+def test_help_works_without_the_extra(script, called):
     told = called(script, "--help")
     assert told.returncode == 0, told.stderr
     assert f"usage: python -m train.{script}" in told.stdout

@@ -39,7 +39,7 @@ def observe(phase, steps_left, rng):
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_a_network_says_what_its_table_says_in_every_phase_of_the_last_cycle_and_of_the_others(preset):
+def test_a_network_equals_its_table_in_every_phase_of_the_last_cycle_and_of_the_others(preset):
     rng, args = np.random.default_rng(0), PRESETS[preset]
     numbers = rng.uniform(-0.9, 0.9, len(places(args.learned)))
     agent, rows = artifact(args, numbers, State()), phase_table(args.learned, numbers)
@@ -103,7 +103,7 @@ def short(monkeypatch):
     monkeypatch.setitem(TRACKS, track, replace(TRACKS[track], seconds=2.0))
 
 
-def test_a_run_is_its_seed_and_goes_on_where_it_was_interrupted(short, tmp_path, monkeypatch):
+def test_a_run_depends_on_its_seed_alone_and_resumes_where_it_was_interrupted(short, tmp_path, monkeypatch):
     calls = []
 
     def bowl(args, piece):

@@ -35,7 +35,7 @@ def test_a_rule_reads_the_pieces_of_the_observation_by_their_names():
 
 @pytest.mark.parametrize(("rules", "preset", "modes"), [(IN_FLIGHT, "paper", ACTION_MODES),
                                                         (ON_THE_GROUND, "robust", CRAWL_MODES)])  # fmt: skip
-def test_every_rule_gives_an_action_of_its_mode_within_its_bounds(rules, preset, modes):
+def test_every_rule_returns_an_action_of_its_mode_within_its_bounds(rules, preset, modes):
     for mode, action in rules.values():
         rule = Rule(preset, mode, action)
         for observation in np.random.default_rng(1).normal(scale=10.0, size=(5, 400)):
@@ -44,7 +44,7 @@ def test_every_rule_gives_an_action_of_its_mode_within_its_bounds(rules, preset,
             assert np.abs(found).max() <= 1.0
 
 
-def test_a_rule_does_what_its_name_says():
+def test_the_action_of_a_rule_matches_its_name():
     def residual(rules, name, seen=None):
         mode, action = rules[name]
         return CRAWL_MODES[mode].residual(action(seen or {}))
@@ -71,7 +71,7 @@ def test_a_rule_does_what_its_name_says():
         np.testing.assert_allclose(residual(IN_FLIGHT, "next form 0.2 s early", seen).joint_offset, offset, atol=1e-12)
 
 
-def test_rules_are_counted_against_the_base_in_pairs(monkeypatch):
+def test_rules_are_compared_with_the_base_in_pairs(monkeypatch):
     rules = {"nothing": joint_speed(1.0), **{k: IN_FLIGHT[f"torque of {k} ḣ of the legs"] for k in ("0.25", "-0.25")}}
     monkeypatch.setattr(headroom, "IN_FLIGHT", rules)
     monkeypatch.setattr(envs, "FLIGHTS", ("flight-fast3",))

@@ -52,7 +52,7 @@ def test_a_product_of_spectra_is_the_convolution():
     torch.testing.assert_close(responder(response)(forces), torch.stack(expected), atol=1e-6, rtol=1e-4)
 
 
-def test_what_is_fitted_cancels_the_errors_that_the_memory_tells_of_and_leaves_the_others_alone():
+def test_the_fit_cancels_errors_caused_by_the_external_force_and_leaves_the_others():
     rng, response = np.random.default_rng(1), linear_response()
     size, sent = network_inputs(TINY.fit), responder(response)
     records = {}
@@ -80,7 +80,7 @@ def test_what_is_fitted_cancels_the_errors_that_the_memory_tells_of_and_leaves_t
     assert not found.skip[:, turned(config) > 0.0].any(), "absolute values have skip weights"
 
 
-def test_what_pulls_the_other_way_is_answered_the_other_way():
+def test_the_output_is_odd_in_the_external_force():
     rng, config = np.random.default_rng(3), TINY.fit
     quiet = silent(config)
     shapes = (quiet.hidden, quiet.bias, quiet.last, quiet.skip * (turned(config) < 0.0) + quiet.skip)
@@ -114,7 +114,7 @@ def test_the_artifact_flies_as_the_fit_saw_it_and_the_silent_one_is_the_base():
     assert not flown.actions[..., 3:].any(), "no torque is learned"
 
 
-def test_it_takes_a_part_of_what_wind_does_and_adds_nothing_that_is_worse(tmp_path):
+def test_it_reduces_errors_in_wind_and_makes_no_other_error_worse(tmp_path):
     args = override(TINY, robots=16, updates=300, scenarios=4, hidden=12, batch=4, workers=2)
     path = learn(override(args, out=tmp_path))
     curve = json.loads((path.parent / "curve.json").read_text())

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.train
 
 
 @pytest.mark.parametrize("robots", ["1", "4"])
-def test_what_it_saves_flies_with_the_command_that_it_prints(robots, tmp_path, monkeypatch, capfd):
+def test_the_saved_policy_flies_with_the_printed_command(robots, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["train.plain", "--steps", "1", "--robots", robots])
     plain.main()

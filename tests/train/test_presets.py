@@ -18,13 +18,13 @@ def entries(path):
     return yaml.safe_load(path.read_text(encoding="utf-8"))
 
 
-def test_the_committed_files_are_what_the_code_gives():
+def test_the_committed_files_are_up_to_date():
     from train import presets
 
     assert {path.stem: path.read_text(encoding="utf-8") for path in FILES} == presets.zoo()
 
 
-def test_a_stale_file_is_refused_in_one_line_and_written_anew(tmp_path, monkeypatch):
+def test_a_stale_file_is_refused_in_one_line_and_rewritten(tmp_path, monkeypatch):
     from spidar_gym.errors import StaleAssetError
     from train import presets
 
@@ -60,7 +60,7 @@ def test_rl_zoo_gets_an_entry_for_every_environment_that_a_recipe_learns_in():
     [(path.stem, line[:-1]) for path in FILES for line in path.read_text(encoding="utf-8").splitlines()
      if line.startswith("spidar_gym/")],
 )  # fmt: skip
-def test_stable_baselines_takes_every_value(algorithm, env_id):
+def test_stable_baselines_accepts_every_value(algorithm, env_id):
     import stable_baselines3
     from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
     from torch import nn

@@ -24,7 +24,7 @@ from train.residual import PRESETS, learn, make_agent, make_robots
 pytestmark = [pytest.mark.train, pytest.mark.usefixtures("short")]
 
 
-def test_training_resets_with_its_own_seeds_and_looks_at_validation_scenarios_only(tmp_path, monkeypatch):
+def test_training_resets_with_its_own_seeds_and_uses_validation_scenarios_only(tmp_path, monkeypatch):
     seeds, splits = [], []
     resets, load = {kind: kind.reset for kind in (SpidarEnv, NativeVectorEnv)}, load_scenarios
 
@@ -85,7 +85,7 @@ def test_the_same_seed_gives_the_same_checkpoint_and_another_one_another(done, t
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "sac"])
-def test_an_interrupted_run_goes_on_as_if_it_had_not_been(done, tmp_path, algorithm):
+def test_an_interrupted_run_resumes_with_the_same_result(done, tmp_path, algorithm):
     args = override(TINY, out=tmp_path / "cut")
     if algorithm == "sac":
         args = override(args, algorithm="sac", buffer=500, warmup=24, updates=2, tracks=("flight-fast3",))

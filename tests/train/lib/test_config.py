@@ -38,7 +38,7 @@ def committed():
 
 
 @pytest.mark.parametrize(("recipe", "name"), PRESETS)
-def test_every_field_has_a_name_of_its_own(recipe, name):
+def test_every_field_has_a_unique_name(recipe, name):
     settings = RECIPES[recipe].PRESETS[name]
     names = list(fields(settings))
     assert len(set(names)) == len(names)
@@ -50,7 +50,7 @@ def test_no_help_of_an_option_needs_that_of_another_one():
         assert not re.findall(r'^ *"""(?:…|Of ).*', path.read_text(encoding="utf-8"), re.MULTILINE), path
 
 
-def test_every_command_of_a_committed_curve_gives_the_settings_that_the_curve_has(monkeypatch):
+def test_every_command_of_a_committed_curve_reproduces_its_settings(monkeypatch):
     for command, settings in committed():
         _, _, module, *options = shlex.split(command)
         recipe = RECIPES[module.removeprefix("train.")]

@@ -28,7 +28,7 @@ def test_no_seed_of_training_is_one_of_a_scenario():
     assert max(drawn) < 2**32 - 1000  # NumPy's range of seeds, with a margin for one seed per environment
 
 
-def test_a_learner_from_nothing_is_not_blind_in_the_flights_that_it_explores():
+def test_the_scaling_without_a_controller_covers_the_explored_flights():
     config = EnvConfig(HOVER, ("flight-paper",), "paper", "direct")
     robots = TrainingVec(config, RewardConfig(), 3)
     rng, spread, seen = np.random.default_rng(1), 0.135, []
@@ -83,7 +83,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_robot_sees_and_earns_what_it_would_alone(case, monkeypatch):
+def test_observations_and_rewards_of_a_robot_do_not_depend_on_the_others(case, monkeypatch):
     config, reward = CASES[case]
     for track in config.tracks:
         monkeypatch.setitem(TRACKS, track, replace(TRACKS[track], seconds=1.0))
@@ -110,7 +110,7 @@ def test_a_robot_sees_and_earns_what_it_would_alone(case, monkeypatch):
     robots.close()
 
 
-def test_what_is_earned_is_what_an_environment_of_one_robot_tells():
+def test_rewards_follow_from_the_info_of_a_single_environment():
     config, reward = replace(TINY.env, washout=0.0), RewardConfig("pose", velocity=0.1, rate=0.2)
     robots = TrainingVec(config, reward, 1)
     env = make_track_env("flight-fast3", config.arguments, CONTROL).unwrapped

@@ -30,7 +30,7 @@ def test_before_training_the_agent_is_its_base_bit_for_bit_and_an_agent_that_is_
 
 
 @pytest.mark.parametrize(("limit", "expected"), [(1.0, 1.0), (0.6, 0.5), (0.0, 0.3)])
-def test_of_what_makes_something_worse_the_largest_share_that_does_not_is_taken(limit, expected, monkeypatch):
+def test_the_largest_admissible_fraction_is_chosen(limit, expected, monkeypatch):
     tried = []
 
     def play(self, fraction, on_scenario=lambda: None):
@@ -43,7 +43,7 @@ def test_of_what_makes_something_worse_the_largest_share_that_does_not_is_taken(
     assert tuple(tried) == evaluate.FRACTIONS[: len(tried)]
 
 
-def test_errors_are_measured_by_the_base_s_own_kind_by_kind():
+def test_errors_are_relative_to_the_base_kind_by_kind():
     evaluator = object.__new__(PairedEvaluator)
     evaluator._tracks = ("flight-fast3", "flight-fast5")
     evaluator.means = {"flight-fast3": {"p": 1.0, "a": 0.02}, "flight-fast5": {"p": 3.0, "a": 0.02}}

@@ -72,7 +72,7 @@ def loud(model):
     return model
 
 
-def test_an_agent_is_shown_and_does_what_its_artifact_sees_and_does(brief):
+def test_observation_and_action_of_an_agent_are_those_of_its_artifact(brief):
     scaling = scaling_for(ARGS)
     robots = make_robots(ARGS, scaling)
     model = loud(make_agent(ARGS, robots))
@@ -99,7 +99,7 @@ def test_an_agent_is_shown_and_does_what_its_artifact_sees_and_does(brief):
     robots.close()
 
 
-def test_without_an_origin_it_hovers_and_with_one_it_is_that(brief, tmp_path):
+def test_the_initial_agent_hovers_without_an_origin_and_equals_the_origin_otherwise(brief, tmp_path):
     net = in_torso_axes(traced=tuple(ARGS.env.traced.astype(float)), times=(0.2,), hidden=(16, 16))
     net = replace(net, activation="relu", arguments=ARGS.env.arguments)
     write_artifact(net, tmp_path / "seed4.npz")
@@ -186,7 +186,7 @@ def test_the_reward_of_a_flight_counts_far_errors_joints_and_changes(brief):
         robots.close()
 
 
-def test_whatever_a_1_of_the_learner_is_the_artifact_does_what_was_learned(brief):
+def test_the_artifact_includes_the_action_scale(brief):
     scaling = scaling_for(ARGS)
     args = override(ARGS, action_scale=0.25)
     robots = make_robots(args, scaling)
@@ -207,7 +207,7 @@ def test_whatever_a_1_of_the_learner_is_the_artifact_does_what_was_learned(brief
     robots.close()
 
 
-def test_a_symmetric_agent_says_turned_what_it_says_and_learning_leaves_it_so(brief, tmp_path):
+def test_a_symmetric_agent_is_equivariant_and_stays_so_in_training(brief, tmp_path):
     args = override(ARGS, symmetric=True, seed=3, lr=3e-3, segment=48, steps=96, first_steps=0, scenarios=1, row=False)
     found = read_artifact(learn(override(args, out=tmp_path)))
     other = read_artifact(learn(override(args, symmetric=False, out=tmp_path / "free")))

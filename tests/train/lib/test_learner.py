@@ -14,7 +14,7 @@ from train.residual import learn
 pytestmark = [pytest.mark.train, pytest.mark.usefixtures("short")]
 
 
-def test_an_actor_learns_neither_from_what_it_does_not_see_nor_about_what_stays_still(tmp_path):
+def test_hidden_observations_and_still_actions_have_zero_weights(tmp_path):
     args = override(TINY, sees=("joint_position",), still=(2, 5), lr=0.01, out=tmp_path)
     learned = read_artifact(learn(args))
     blind = args.env.hidden_entries()

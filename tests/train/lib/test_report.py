@@ -28,6 +28,6 @@ def test_the_conclusion_compares_in_words_and_numbers_and_names_commands(tmp_pat
     assert f"spidar eval --policy {tmp_path / 'policy.npz'} --tracks flight-fast3" in said
 
 
-def test_an_agent_that_adds_nothing_is_called_so(tmp_path):
+def test_the_conclusion_states_whether_the_agent_is_better(tmp_path):
     assert "no agent of 2 did better than paper" in concluded(tmp_path, {"steps": 0, "score": 0.0})
     assert "3.0% worse than paper" in concluded(tmp_path, {"steps": 64, "score": 0.03})

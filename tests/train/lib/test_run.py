@@ -100,7 +100,7 @@ class Trap:
         return pytest.fail, ("unpickled",)
 
 
-def test_without_a_damaged_checkpoint_a_run_goes_on_from_the_one_before(done, tmp_path):
+def test_a_run_resumes_from_the_previous_checkpoint_without_the_damaged_one(done, tmp_path):
     folder = tmp_path / TINY.name / "seed0"
     shutil.copytree(done, folder)
     data = bytearray((folder / "checkpoint.npz").read_bytes())

@@ -21,7 +21,7 @@ def descend(search, least, generations):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_search_goes_downhill_whatever_luck_the_trials_of_a_generation_share(method):
+def test_a_search_descends_despite_noise_shared_by_a_generation(method):
     least = np.random.default_rng(1).uniform(-0.6, 0.6, SIZE)
     search = make_search(SearchConfig(method, generations=100), SIZE, 3)
     np.testing.assert_allclose(search.mean, 0.0, atol=1e-12)
@@ -31,7 +31,7 @@ def test_a_search_goes_downhill_whatever_luck_the_trials_of_a_generation_share(m
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_told_the_same_costs_it_is_in_the_same_state(method):
+def test_equal_costs_lead_to_equal_states(method):
     config, least = SearchConfig(method, generations=30), np.full(SIZE, 0.4)
     first, second, other = (make_search(config, SIZE, seed) for seed in (3, 3, 4))
     costs = descend(first, least, 12)

@@ -26,7 +26,7 @@ def test_every_stage_has_its_own_bar_and_unit_and_the_latest_verdict_stays(capfd
     assert "it/s" not in first + second
 
 
-def test_every_second_is_some_part_s_and_a_run_that_goes_on_counts_on(monkeypatch):
+def test_every_second_belongs_to_a_part_and_a_resumed_run_keeps_its_times(monkeypatch):
     now = [100.0]
     monkeypatch.setattr("train.lib.stages.time.perf_counter", lambda: now[0])
 
