@@ -37,7 +37,7 @@ class Options:
     video: bool = True
     """Record a video, which takes about two minutes."""
     noise: Flag = False
-    """Simulate noisy sensors, unequal rotors and a delay of 20 ms, in the crawl 25 ms and offsets of the joint zeros."""
+    """Simulate noisy sensors, unequal rotors and a delay of 20 ms, in the crawl 25 ms and offsets of joint zeros."""
     seed: int = 0
     """Seed of --noise."""
 

@@ -137,9 +137,7 @@ def read_result(path: Path) -> dict[str, Any]:
         whole = not missing and ("lines" in result or (result["table"] in DRAWN and "result" in result))
         whole = whole and isinstance(notes, list) and all(isinstance(note, str) for note in notes)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SpidarError(
-            f"{path} is no result: {error}; valid: the format in docs/development/results.md"
-        ) from error
+        raise SpidarError(f"{path} is no result: {error}; valid: the format in docs/development/results.md") from error
     if not whole:
         raise SpidarError(
             f"{path} is no result; valid: JSON with {', '.join(sorted(KEYS))}, and either lines or table "
