@@ -1,4 +1,4 @@
-"""How the allocation answers: the ticks of rows, played again, by status."""
+"""Statuses of the allocation: re-run scenarios of rows and count their ticks by status."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -16,15 +16,15 @@ from spidar_gym.policies.policy import control_of, policy_arguments
 from spidar_gym.text import format_table
 
 STATUSES = (*map(str, AllocationStatus), "none")
-"""How a tick is answered; `none` where no allocation runs."""
+"""Statuses of the allocation in a tick; `none` where no allocation runs."""
 
 
 def count_ticks(shard: Shard) -> Counter[str]:
-    """Play a scenario, with the compiled core where it has the allocation; status → ticks."""
+    """Run a scenario and count its ticks by status; on the compiled core unless it has custom control code."""
     ticks: Counter[str] = Counter()
     policy = shard.load()
     chosen = policy_arguments(policy, TRACKS[shard.track].env_id) or {}
-    # The core has an allocation of its own.
+    # Policies with a custom allocator or law run on the Python controller.
     control = control_of(chosen, "core")
     play_scenario(
         policy, shard.track, shard.scenario, act_limit_s=shard.act_limit_s, control=control,
@@ -36,16 +36,16 @@ def count_ticks(shard: Shard) -> Counter[str]:
 def answer_shards(
     rows: Mapping[str, Row], tracks: Sequence[str], scenarios: int, *, trust: bool = False
 ) -> list[tuple[str, Shard]]:
-    """What has to be played: name of a row, and a scenario of one of its runs.
+    """Return the scenarios to run, each with the name of its row.
 
     Args:
         rows: The rows.
-        tracks: Tracks; a row is played on those that it has.
-        scenarios: How many of each track, from the first that the row was evaluated on.
+        tracks: Tracks; those that a row lacks are skipped for this row.
+        scenarios: Number of scenarios per track, counted from the first on which the row was evaluated.
         trust: Whether code from outside the package and the committed baselines may run.
 
     Raises:
-        RowError: When a policy's file is no longer the one that was evaluated, or may not run.
+        RowError: When a policy's file has changed since its evaluation, or may not run.
     """
     found = []
     for name, row in rows.items():
@@ -63,11 +63,11 @@ def answer_shards(
 def count_answers(
     shards: Sequence[tuple[str, Shard]], *, workers: int = 1, on_scenario: Callable[[], object] = lambda: None
 ) -> list[dict[str, Any]]:
-    """Ticks by row, track and status, ready for JSON; all runs of a row together.
+    """Count ticks by row, track and status, over all runs of a row; the result can be written as JSON.
 
     Args:
-        shards: What `answer_shards` gives.
-        workers: Processes.
+        shards: Result of `answer_shards`.
+        workers: Number of processes.
         on_scenario: Called after every scenario, for progress.
     """
     try:
@@ -87,7 +87,7 @@ def count_answers(
 
 
 def answers_text(answers: Sequence[Mapping[str, Any]]) -> str:
-    """A table: ticks, and the share of each status."""
+    """Format a table of ticks and the share of each status."""
     lines = [["row", "track", "ticks", *STATUSES]]
     for counted in answers:
         ticks = counted["ticks"]

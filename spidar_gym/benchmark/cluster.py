@@ -1,4 +1,4 @@
-"""A Ray cluster, here or elsewhere: found, or refused in one line."""
+"""Connection to a local or remote Ray cluster."""
 
 import os
 import socket
@@ -10,7 +10,7 @@ from typing import Any
 from spidar_gym.errors import MissingDependencyError, SpidarError
 
 PATIENCE = 5.0
-"""How long a cluster may take to answer [s]; Ray itself tries again for many minutes."""
+"""Timeout of the connection to a remote cluster [s]; Ray itself retries for many minutes."""
 
 
 @contextmanager
@@ -21,17 +21,17 @@ def cluster(
     variables: Mapping[str, str] | None = None,
     **options: Any,  # noqa: ANN401 - ray.init's
 ) -> Iterator[Any]:
-    """Ray, connected for as long as the context lasts; one that is connected already is left as it is.
+    """Connect to Ray for the duration of the context; an existing connection is used and stays open.
 
     Args:
-        address: `local` for a cluster of `workers` workers here, `auto`, or host:port.
-        workers: Workers of a local cluster.
-        variables: Environment variables of the workers, beside where they import from.
-        **options: More of `ray.init`.
+        address: `local` for a cluster of `workers` workers on this machine, `auto`, or host:port.
+        workers: Number of workers of a local cluster.
+        variables: Additional environment variables of the workers; `PYTHONPATH` is always set.
+        **options: Further arguments of `ray.init`.
 
     Raises:
-        MissingDependencyError: Without Ray.
-        SpidarError: Where there is no cluster.
+        MissingDependencyError: When Ray is not installed.
+        SpidarError: When no cluster can be reached at the address.
     """
     try:
         import ray
@@ -39,7 +39,7 @@ def cluster(
         raise MissingDependencyError("Ray", "pip install 'spidar-gym[ray]'") from error
     started = not ray.is_initialized()
     if started:
-        # What is imported by name is also looked for in the working folder, there as here.
+        # Workers import modules from the working folder, too, as this process does.
         paths = os.pathsep.join(filter(None, [str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
         env = {"env_vars": {"PYTHONPATH": paths, **(variables or {})}}
         try:

@@ -1,4 +1,4 @@
-"""A row against another one, metric by metric: paired differences on the scenarios that both have played."""
+"""Comparison of two rows, metric by metric: paired differences on their common scenarios."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -32,40 +32,40 @@ COMPARED: dict[str, dict[str, tuple[str, float, str]]] = by_group({
     "ground": _ON_THE_GROUND,
     "course": _ON_THE_GROUND,
 })  # fmt: skip
-"""What is compared by group: metric → heading, factor, unit."""
+"""Compared metrics of each group of tracks: metric → heading, factor, unit."""
 
 
 @dataclass(frozen=True)
 class Gain(Interval):
-    """Share of successes less the base's."""
+    """Difference between the success rates of a row and its base."""
 
     before: float
-    """The base's share."""
+    """Success rate of the base."""
     after: float
-    """One's own."""
+    """Success rate of the row."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A row against a base on one track, in SI units."""
+    """Comparison of a row with a base on one track, in SI units."""
 
     track: str
     """Track."""
     scenarios: int
-    """How many both have played."""
+    """Number of common scenarios."""
     changes: Mapping[str, Change]
     """Metric → change of the IQM."""
     success: Gain
-    """Share of successes."""
+    """Difference of the success rates."""
 
 
 def _gain(base: np.ndarray, own: np.ndarray) -> Numbers:
-    """Difference of the means; shapes as in `paired_difference`."""
+    """Return the difference of the means; shapes as in `paired_difference`."""
     return np.mean(own, axis=(-1, -2)) - np.mean(base, axis=-1)
 
 
 def _compare(row: Row, base: Row, track: str, places: np.ndarray) -> Comparison:
-    """A row against a base on a track; `places`, shape (2, scenarios), is where the common scenarios are in either."""
+    """Compare a row with a base on a track; `places` (2, scenarios): positions of the common scenarios in both."""
 
     def columns(metric: str) -> tuple[np.ndarray, np.ndarray]:
         return base.column(track, metric)[0][places[1]], row.column(track, metric)[:, places[0]]
@@ -76,17 +76,18 @@ def _compare(row: Row, base: Row, track: str, places: np.ndarray) -> Comparison:
 def compare_columns(
     columns: Callable[[str], tuple[np.ndarray, np.ndarray]], group: str, name: str, base: str, track: str
 ) -> Comparison:
-    """Compare what two have played; intervals are seeded by the names.
+    """Compare two sets of results; the names seed the intervals.
 
     Args:
-        columns: Metric → numbers of the base (scenarios,) and of one's own (runs, scenarios), on the same scenarios.
-        group: Of the track, which says what is compared.
-        name: One's own name.
-        base: The base's name.
-        track: Where it was played.
+        columns: Metric → values of the base (scenarios,) and of the compared row (runs, scenarios), on the same
+            scenarios.
+        group: Group of the track; selects the metrics of `COMPARED`.
+        name: Name of the compared row.
+        base: Name of the base.
+        track: Name of the track or condition.
 
     Raises:
-        InvalidValueError: When the base has a 0, to which nothing is relative.
+        InvalidValueError: When a value of the base is 0, so that no relative change exists.
     """
     changes = {}
     for metric in COMPARED[group]:
@@ -101,10 +102,10 @@ def compare_columns(
 
 
 def compare_rows(row: Row, base: Row) -> list[Comparison]:
-    """Compare on every track that both have, the row's runs with the base's first; intervals are seeded.
+    """Compare on every common track, all runs of the row with the first run of the base; the names seed the intervals.
 
     Raises:
-        InvalidValueError: When they have no scenario in common, or the base has a 0, to which nothing is relative.
+        InvalidValueError: When the rows have no common scenario, or a value of the base is 0.
     """
     found = []
     for track in row.tracks:
@@ -120,7 +121,7 @@ def compare_rows(row: Row, base: Row) -> list[Comparison]:
 
 
 def comparison_tables(comparisons: Sequence[Comparison]) -> list[list[list[str]]]:
-    """A table for each group of tracks, where there are any: heading and a line a track."""
+    """Return one table for each group with compared tracks: a heading and one line per track."""
     tables = []
     for group, shown in COMPARED.items():
         own = [c for c in comparisons if TRACKS[c.track].group == group]
@@ -131,12 +132,12 @@ def comparison_tables(comparisons: Sequence[Comparison]) -> list[list[list[str]]
 
 
 def comparison_cells(comparison: Comparison, group: str, *, digits: int = 0) -> list[str]:
-    """What was compared and the successes, in words, – where a simulation left no number.
+    """Format the changes and the success rates; – where a diverged simulation left no value.
 
     Args:
-        comparison: What was compared.
-        group: Of its track.
-        digits: Of a percent, behind the point.
+        comparison: Comparison to format.
+        group: Group of its track.
+        digits: Decimal places of percentages.
     """
     cells = []
     for metric, (_, factor, unit) in COMPARED[group].items():
@@ -152,6 +153,6 @@ def comparison_cells(comparison: Comparison, group: str, *, digits: int = 0) -> 
 
 
 def comparison_text(row: Row, base: Row) -> str:
-    """Compared for a terminal."""
+    """Format the comparison of two rows for a terminal."""
     tables = [format_table(cells) for cells in comparison_tables(compare_rows(row, base))]
     return "\n\n".join([f"{row.name} against {base.name}, IQM of paired differences with 95 % intervals:", *tables])

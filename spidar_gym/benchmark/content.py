@@ -1,4 +1,4 @@
-"""What a row's file may hold: type and range of every field, so that nothing else gets into a table."""
+"""Validation of a row's file: type and range of every field, before any of it enters a table."""
 
 import re
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from spidar_gym.robot.description import model_hash
 
 ANEW = "a row evaluated anew by its command"
 LONGEST = 1e9
-"""Largest time [s or ms] and number of steps that a row may tell."""
+"""Largest time [s or ms] and number of steps in a row."""
 FORM = {
     "format": int, "name": str, "kind": str, "doc": str, "policies": [str], "policies_sha256": [str], "given": [str],
     "training": ([(dict, None)], None), "arguments": dict, "command": str, "versions": {str: str}, "processor": str,
@@ -23,20 +23,20 @@ FORM = {
     "timing": {str: {"step_ms_p50_p99": [float, float], "policy_ms_p50_p99": [float, float], "wall_s": float}},
     "sha256": str,
 }  # fmt: skip
-"""What stands in a row; `arguments` where its policies were learned, `given` since rows say it."""
-GIVEN = {"observation": "what the environment shows", "run": "the run's number, as seed", "state": "the whole state"}
-"""What a policy may have been given, as a row says: the state only to an allocator or a law of the package's own."""
+"""Fields of a row; `arguments` only of learned policies, `given` not in the oldest rows."""
+GIVEN = {"observation": "the environment's observation", "run": "the run's number, as seed", "state": "the whole state"}
+"""Inputs of a policy as recorded in a row; only the package's allocators and control laws receive `state`."""
 
 
 class RowError(SpidarError):
-    """A row's file that cannot be read, was edited by hand, holds what no row does, or belongs to other scenarios."""
+    """Row that cannot be read, was edited by hand, has invalid content, or belongs to other scenarios."""
 
 
 def check_content(content: Mapping[str, Any]) -> None:
-    """Whether a row has all its parts, each of its type and in its range, of the present robot and scenarios.
+    """Check that a row has all fields with valid types and ranges, and matches the current robot model and scenarios.
 
     Raises:
-        SpidarError: For the first that is not.
+        SpidarError: For the first invalid field.
     """
     try:
         require_form({"arguments": {}, "given": [], "sha256": "", **content}, FORM, "it")
@@ -56,13 +56,13 @@ def check_content(content: Mapping[str, Any]) -> None:
     for name, track in content["tracks"].items():
         _check_track(name, track, runs)
     if set(content["timing"]) != set(content["tracks"]):
-        raise RowError(f"it has not the times of its tracks; valid: those of {', '.join(content['tracks'])}")
+        raise RowError(f"timing is not of the row's tracks; valid: times of {', '.join(content['tracks'])}")
     for times in content["timing"].values():
         check_times(times)
 
 
 def _check_words(content: Mapping[str, Any]) -> None:
-    """Whether what a row says of its origin can stand in a table."""
+    """Check the fields of a row's origin, which are shown in tables."""
     check_name(content["name"])
     require_name("kind", content["kind"], KINDS)
     for word in content.get("given", []):
@@ -81,7 +81,7 @@ def _check_words(content: Mapping[str, Any]) -> None:
             expected = "a SHA-256 in 64 hexadecimal digits, or nothing where there was no file"
             raise InvalidValueError("policies_sha256", digest, expected)
     for entry in filter(None, content["training"] or ()):
-        # Shown of it are one line and one number.
+        # Tables show these two entries only.
         check_line("command of training", entry.get("command", ""))
         _check_number("steps of training", entry.get("steps", 0))
 
@@ -101,14 +101,14 @@ def _check_number(name: str, value: object) -> None:
 
 
 def check_times(times: Mapping[str, Any]) -> None:
-    """Whether they are times: pairs of medians and 99th percentiles, and the whole (`SpidarError` if not)."""
+    """Check times: pairs of median and 99th percentile, and a total (raises `SpidarError`)."""
     for name, value in times.items():
         for number in value if isinstance(value, list) else [value]:
             _check_number(name, number)
 
 
 def _check_track(name: str, track: Mapping[str, Any], runs: int) -> None:
-    """Whether a track has a number for each scenario, of each metric and run."""
+    """Check that a track has a value for each scenario, metric and run."""
     require_name("split", track["split"], SPLITS)
     if name not in TRACKS or load_scenarios(name, track["split"])[1] != track["scenarios_sha256"]:
         raise RowError(f"{_plain(name)} has other scenarios; valid: {ANEW}")
@@ -123,7 +123,7 @@ def _check_track(name: str, track: Mapping[str, Any], runs: int) -> None:
 
 
 def _check_run(name: str, number: int, run: Mapping[str, list[Any]], indices: list[int]) -> None:
-    """Whether a run has what an episode gives on each scenario."""
+    """Check that a run has valid metrics for each scenario."""
     world = TRACKS[name].world
     for metric in told_in(world):
         if metric not in run:
@@ -137,5 +137,5 @@ def _check_run(name: str, number: int, run: Mapping[str, list[Any]], indices: li
 
 
 def _plain(word: str) -> str:
-    """A name that is none, as an error may show it."""
+    """Escape and shorten an invalid name for an error message."""
     return ascii(word)[1:-1][:40]

@@ -1,4 +1,4 @@
-"""Evaluation: shards of one scenario each, done in processes or on a Ray cluster, kept in files so that it resumes."""
+"""Evaluation in shards of one scenario each, in processes or on a Ray cluster; stored shards make it resumable."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,76 +23,76 @@ BEHAVIOUR = (
     "policies/rollout.py", "benchmark/scenario.py", "benchmark/scoring.py", "benchmark/tally.py",
     "benchmark/track.py",
 )  # fmt: skip
-"""Files and folders of the package on which the numbers of an episode rest."""
+"""Files and folders of the package that determine the metrics of an episode."""
 RESULT = {"metrics": dict, "timing": {"act_s": [float, float], "step_s": [float, float], "wall_s": float}}
-"""What an episode gives, as `play_scenario` says."""
+"""Form of an episode's result, see `play_scenario`."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """A policy on a track."""
+    """Results of a policy on a track."""
 
     track: str
     """Track."""
     split: str
-    """Which scenarios."""
+    """Split."""
     scenarios_sha256: str
-    """Hash of their file."""
+    """Hash of the scenarios' file."""
     indices: tuple[int, ...]
-    """Which of them."""
+    """Indices of the evaluated scenarios."""
     metrics: dict[str, list[Any]]
-    """`METRICS` by name, a number a scenario."""
+    """`METRICS` by name, one value per scenario."""
     timing: list[dict[str, Any]]
-    """How long it took, scenario by scenario."""
+    """Times of each scenario."""
 
     @property
     def errors(self) -> np.ndarray:
-        """Error of each scenario."""
+        """Errors of the scenarios."""
         return np.array(self.metrics["error"], float)
 
     @property
     def success(self) -> float:
-        """Share of successes."""
+        """Success rate."""
         return float(np.mean(self.metrics["success"]))
 
 
 @dataclass(frozen=True)
 class Shard:
-    """One scenario to be played by one policy: the smallest piece of work, the same wherever it is done."""
+    """One scenario to be run with one policy: the unit of work; its result does not depend on the worker."""
 
     policy: str
-    """Its specification, `module:Class` or the path of an artifact."""
+    """Specification of the policy: `module:Class` or the path of an artifact."""
     track: str
     """Track."""
     split: str
     """Split."""
     scenario: Scenario
-    """Which episode."""
+    """Scenario."""
     act_limit_s: float = ACT_LIMIT_S
-    """How long the policy may think about one action [s]."""
+    """Largest time for one action [s]."""
     control: str = CONTROL
-    """What computes, as in `play`."""
+    """Implementation of the controller, see `play_scenario`."""
     run: int = 0
-    """Number of the row's run: what the policy draws comes from it."""
+    """Number of the row's run; seeds the policy."""
     trust: bool = False
     """Whether the policy may be a zip of Stable-Baselines3, which can run code."""
 
     def load(self) -> Policy:
-        """A policy that has seen nothing before, or whose next `begin` makes one."""
+        """Open the policy without state from earlier episodes."""
         return open_policy(self.policy, trust=self.trust)
 
     def __str__(self) -> str:
-        """In words."""
+        """Return policy, track and scenario as text."""
         return f"{self.policy} on {self.track}, scenario {self.scenario.index}"
 
     def key(self, digest: str) -> str:
-        """Name under which its result is kept: it changes with the policy's file, the scenario and the code."""
+        """Return the name of the stored result, which depends on the policy's file, the scenario and the code."""
         words = self.policy, digest, self.track, self.split, self.scenario, self.control, self.run
         return digest_of(*words, code_digest(*BEHAVIOUR))[:24]
 
 
 def play_shards(shards: Sequence[Shard]) -> list[dict[str, Any]]:
-    """Do pieces of work of one policy on one track, each with a policy that has seen nothing before: at once or not."""
+    """Run shards of one policy on one track: as a batch if the policy supports it, else each with a new policy."""
     first = shards[0]
     how: dict[str, Any] = {"act_limit_s": first.act_limit_s, "control": first.control, "run": first.run}
     if acts_in_batches(first.load()):
@@ -101,7 +101,7 @@ def play_shards(shards: Sequence[Shard]) -> list[dict[str, Any]]:
 
 
 def play(policy: Policy, name: str, scenarios: Sequence[Scenario], **how: Any) -> list[dict[str, Any]]:  # noqa: ANN401 - of `play_scenario`
-    """Let a policy play scenarios of a track, side by side where it can; `how` and results as in `play_scenario`."""
+    """Run a policy on scenarios of a track, batched if it supports that; `how` and results as in `play_scenario`."""
     if len(scenarios) > 1 and acts_in_batches(policy):
         return play_scenarios(policy, name, scenarios, **how)
     return [play_scenario(policy, name, scenario, **how) for scenario in scenarios]
@@ -121,26 +121,26 @@ def evaluate(
     trust: bool = False,
     on_scenario: Callable[[], object] = lambda: None,
 ) -> Score:
-    """Let a policy play a track's scenarios.
+    """Evaluate a policy on scenarios of a track.
 
     Args:
-        policy: `module:Class`, the path of an artifact, or an object with `reset` and `act`, which is played in this
-            process.
+        policy: `module:Class`, the path of an artifact, or an object with `reset` and `act`, which is
+            evaluated in this process.
         track: Track.
-        scenarios: How many from the first on, which ones, or None for all.
+        scenarios: Number of scenarios from the first, their indices, or None for all.
         split: `test` or `validation`.
-        workers: Processes.
-        folder: Where finished scenarios are kept, so that an interrupted evaluation goes on where it was.
-        ray: Address of a Ray cluster to send the scenarios to, `local` for one of `workers` workers here.
-        act_limit_s: How long the policy may think about one action [s].
-        run: Number of the run, which the policy gets as its seed in every scenario.
-        trust: Whether it may be a zip of Stable-Baselines3, which can run code.
+        workers: Number of processes.
+        folder: Folder for finished scenarios, from which an interrupted evaluation resumes.
+        ray: Address of a Ray cluster, `local` for one of `workers` workers on this machine.
+        act_limit_s: Largest time for one action [s].
+        run: Number of the run, the policy's seed in every scenario.
+        trust: Whether the policy may be a zip of Stable-Baselines3, which can run code.
         on_scenario: Called after every scenario, for progress.
 
     Raises:
-        PolicyError: When the policy raises, answers with what is no action, or takes too long.
+        PolicyError: When the policy raises, returns an invalid action, or exceeds the time limit.
         UnknownNameError: For a track or split that does not exist.
-        InvalidValueError: For scenarios that the track does not have.
+        InvalidValueError: For scenarios that the track does not have, or options that need a specification.
     """
     every, digest = load_scenarios(track, split)
     if isinstance(scenarios, int) and not 1 <= scenarios <= len(every):
@@ -177,17 +177,17 @@ def evaluate_runs(
     on_track: Callable[[str], object] = lambda _: None,
     **how: Any,  # noqa: ANN401 - of `evaluate`
 ) -> dict[str, list[Score]]:
-    """Let every run of one policy play the same scenarios of every track.
+    """Evaluate all runs of one policy on the same scenarios of every track.
 
     Args:
         policies: Specifications, one for each run.
         tracks: Tracks.
-        scenarios: How many of each, from the first on.
-        on_track: Called with each track before it is played.
-        **how: The other arguments of `evaluate`.
+        scenarios: Number of scenarios per track, from the first.
+        on_track: Called with each track before its evaluation.
+        **how: Further arguments of `evaluate`.
 
     Returns:
-        Track → a score for each run.
+        Track → one score per run.
     """
     scores: dict[str, list[Score]] = {}
     for track in tracks:
@@ -204,11 +204,11 @@ def run_shards(
     ray: str | None = None,
     on_done: Callable[[int, dict[str, Any]], object] = lambda k, result: None,
 ) -> list[dict[str, Any]]:
-    """Do pieces of work; arguments and results are those of `finish`."""
+    """Run shards; arguments and results as in `finish`."""
     require_least(1, workers=workers)
     policies = {spec: shard.load() for spec, shard in {shard.policy: shard for shard in shards}.items()}
     if not all(map(keeps_to_itself, policies)):
-        folder = None  # what a policy can write is no result
+        folder = None  # stored results must not be writable by the policy
     names: dict[str, tuple[str, str]] = {}
     if folder is not None:
         names = {spec: (policy_name(policy), policy_digest(policy)) for spec, policy in policies.items()}
@@ -225,7 +225,7 @@ def run_shards(
         for k, shard in enumerate(shards)
     ]
     if workers > 1 or ray is not None:
-        close_guests()  # each worker has one of its own
+        close_guests()  # each worker opens its own
     try:
         return finish(
             play_shards, shards, workers=workers, ray=ray, folder=folder, name=name, check=_check_result,
@@ -236,7 +236,7 @@ def run_shards(
 
 
 def _check_result(shard: Shard, result: dict[str, Any]) -> None:
-    """Refuse what no episode gives."""
+    """Refuse a stored result that no episode can have."""
     require_form(result, RESULT, "result")
     check_metrics(result["metrics"], world=TRACKS[shard.track].world)
     check_times(result["timing"])

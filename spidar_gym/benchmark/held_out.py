@@ -1,8 +1,9 @@
-"""Held-out conditions: what no track has, no training meets and nobody chooses by, one page of numbers.
+"""Held-out conditions, which are never used for training or tuning.
 
-A controller that was tuned or learned on the tracks may be good on the tracks only. Here the robot is wrong in a way
-that no track has, one thing at a time and farther off than any robot that is drawn, and flies at joint speeds of no
-track. What comes out is reported (`spidar leaderboard held-out`); tuning and training never import it.
+A controller that was tuned or learned on the tracks may perform well on the tracks only. In each held-out condition one
+property of the robot deviates in a way that no track has, farther than in any randomised robot. The flights use joint
+speeds that no track has. The results are reported (`spidar leaderboard held-out`); tuning and training code never
+imports this module.
 """
 
 import hashlib
@@ -27,37 +28,37 @@ from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.config import PlantConfig
 
 HELD_OUT = "baselines/held_out.json"
-"""The committed table in a checkout."""
+"""Path of the committed results in a checkout."""
 COUNT = 20
-"""Scenarios a condition, unless others are asked for."""
+"""Default number of scenarios per condition."""
 DRAWS = 3
-"""Scenarios are drawn as those of a split of this number would be, which no split has; 2 is the search's."""
+"""Number of the split in the seed of the scenarios; no split has it, and the search's scenarios use 2."""
 
 PAYLOAD, PLACE = 0.5, (0.08, 0.06, 0.0)
-"""A mass [kg] fixed to the torso, and where, torso axes [m]: 0.1 m off its middle."""
+"""Payload: mass [kg] fixed to the torso, and its position in torso axes [m], 0.1 m off the torso's middle."""
 SOFT, STIFFNESS = "joint1_pitch", 0.5
-"""A servo, and the factor on its stiffness."""
+"""Softened servo, and the factor on its stiffness."""
 DELAY = 0.045
-"""From a command to the actuators [s]."""
+"""Delay from a command to the actuators [s]."""
 WEAK, LOSS = 1, 0.15
-"""A module, 1 … 8, and the share of its thrust that its left duct lacks."""
+"""Weakened module, 1 … 8, and the share of thrust that its left duct lacks."""
 WIND = 4.0
 """Mean wind [m/s], turbulent."""
 
 
 def loaded(mass: float, position: tuple[float, float, float]) -> BodyConfig:
-    """The described robot with a point mass on its torso.
+    """Return the configuration of the described robot with a point mass on its torso.
 
-    Masses and centres of mass are exactly its own. The torso's inertia about its centre grows with its mass instead of
-    with the point's place: for 0.5 kg a difference of 3e-3 kg m², some thousandth of the robot's inertia.
+    Masses and centres of mass are exact. The torso's inertia about its centre is scaled with the torso's mass and
+    ignores the point's position: for 0.5 kg an error of 3e-3 kg m², about a thousandth of the robot's inertia.
 
     Args:
-        mass: The payload's [kg].
-        position: Where it is, torso axes [m].
+        mass: Mass of the payload [kg].
+        position: Position of the payload, torso axes [m].
     """
     torso = ROBOT.bodies["torso"]
     both = merge(torso, Inertial(mass, position, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
-    # All masses are scaled to the total: the links' get back here what that adds to them.
+    # All masses are scaled to the total mass; `link_mass` cancels this scaling for the links.
     return BodyConfig(
         total_mass=ROBOT.total_mass + mass,
         link_mass=constant(torso.mass / both.mass, N_LINKS),
@@ -66,16 +67,17 @@ def loaded(mass: float, position: tuple[float, float, float]) -> BodyConfig:
 
 
 def softened(joint: str, factor: float) -> ActuatorConfig:
-    """The described actuators with another stiffness of one joint servo, by its name."""
+    """Return the described actuators with the stiffness of one named joint servo scaled."""
     stiffness = np.ones(N_JOINTS)
     stiffness[JOINT_NAMES.index(joint)] = factor
     return ActuatorConfig(servo_stiffness=stiffness)
 
 
 def weakened(module: int, loss: float) -> ActuatorConfig:
-    """The described actuators with a module, 1 … 8, whose left duct lacks a share of its thrust.
+    """Return the described actuators with a module, 1 … 8, whose left duct lacks a share of its thrust.
 
-    Its ducts share the thrust alike, so the module lacks half of that share, and the other duct turns it about x.
+    The two ducts share the thrust equally. The module therefore lacks half of that share, and the other duct causes a
+    torque about x.
     """
     gain, imbalance = np.ones(N_ROTORS), np.zeros(N_ROTORS)
     gain[module - 1] = 1.0 - 0.5 * loss
@@ -125,25 +127,25 @@ CONDITIONS: dict[str, Track] = {
         "the same delay; 0.2 … 0.6 m in any direction", CRAWL, 75.0, {"sensors": True, "plant": _DELAY}, _WAY
     ),
 }  # fmt: skip
-"""Every condition by name; all with real sensors, flights with independent legs, at multiples of the paper's 0.2 rad/s.
+"""Conditions by name; all with sensors, flights with independent legs at multiples of the paper's 0.2 rad/s.
 
-A flight's integrals begin with what that robot needs at rest in that wind, as on the tracks.
+A flight's integrals begin at the wrench that the robot needs at rest in the wind, as on the tracks.
 """
 
 
 def find_condition(name: str) -> Track:
-    """Condition by name (`UnknownNameError` lists the valid ones)."""
+    """Return a condition by name (`UnknownNameError` lists the valid names)."""
     require_name("condition", name, CONDITIONS)
     return CONDITIONS[name]
 
 
 @cache
 def draw_held_out(name: str, count: int = COUNT) -> tuple[Scenario, ...]:
-    """The first scenarios of a condition, the same for every policy and always the same ones.
+    """Return the first scenarios of a condition, which are fixed and the same for every policy.
 
     Raises:
         UnknownNameError: For a condition that does not exist.
-        InvalidValueError: For no scenario.
+        InvalidValueError: For a count below 1.
     """
     condition = find_condition(name)
     require_least(1, scenarios=count)
@@ -152,5 +154,5 @@ def draw_held_out(name: str, count: int = COUNT) -> tuple[Scenario, ...]:
 
 
 def scenarios_digest(scenarios: Sequence[Scenario]) -> str:
-    """SHA-256 of scenarios."""
+    """Return the SHA-256 of scenarios."""
     return hashlib.sha256(json.dumps([asdict(one) for one in scenarios], sort_keys=True).encode()).hexdigest()

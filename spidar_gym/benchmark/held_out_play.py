@@ -1,4 +1,4 @@
-"""Who is played on the held-out conditions, beside whom, and the playing, which goes on where it was interrupted."""
+"""Evaluation under held-out conditions: selection of policies and of their comparison, and the resumable run."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,33 +29,33 @@ from spidar_gym.policies.policy import (
 
 @dataclass(frozen=True)
 class Entrant:
-    """A policy that is played: the runs of a row, or files of one's own."""
+    """Policy to evaluate: the runs of a row, or the user's files."""
 
     name: str
-    """Its name."""
+    """Name of the policy."""
     kind: str
     """One of `KINDS`."""
     policies: tuple[str, ...]
     """Specification of each run."""
     against: str
-    """Name of whom it is compared with; empty for nobody."""
+    """Name of the policy for comparison; empty for no comparison."""
     conditions: tuple[str, ...]
-    """Conditions on which it is defined."""
+    """Conditions on which the policy is defined."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """One scenario of a condition, to be played by one policy."""
+    """One scenario of a condition, to be run with one policy."""
 
     policy: str
-    """Its specification."""
+    """Specification of the policy."""
     condition: str
     """Condition."""
     scenario: Scenario
-    """Which episode."""
+    """Scenario."""
 
     def __str__(self) -> str:
-        """In words."""
+        """Return policy, condition and scenario as text."""
         return f"{self.policy} on {self.condition}, scenario {self.scenario.index}"
 
 
@@ -67,20 +67,21 @@ def choose(
     *,
     trust: bool = False,
 ) -> list[Entrant]:
-    """Who is played, with whomever they are compared with.
+    """Select the policies to evaluate and the policies with which they are compared.
 
     Args:
         rows: Rows by name.
-        names: Which of them; where neither names nor policies are given, every one with a controller below it.
-        policies: Specifications of a candidate of one's own, one a run.
-        against: Whom the candidate is compared with, a row or a preset that has one; by default the preset that it adds
-            to.
+        names: Names of the rows to evaluate. Without names and policies, all rows of policies that act through a
+            controller are selected.
+        policies: Specifications of a candidate policy, one per run.
+        against: Row, or preset that has a row, with which the candidate is compared; by default the preset of a
+            residual candidate.
         trust: Whether rows may run code from outside the package and the committed baselines.
 
     Raises:
         UnknownNameError: For a row or preset that does not exist.
-        InvalidValueError: For a candidate with the name of a row beside it, or compared with what has no row.
-        RowError: For a row whose policy's file is no longer the one that was evaluated, or may not run.
+        InvalidValueError: For a candidate with the name of a selected row, or compared with a policy that has no row.
+        RowError: For a row whose policy's file has changed since its evaluation, or may not run.
     """
     for name in names:
         require_name("row", name, rows)
@@ -97,19 +98,19 @@ def choose(
     for name, row in rows.items():
         if name in chosen:
             require_own_policies(row, trust=trust)
-            # Most policies without a controller fall everywhere, and tell nothing here; who flies without is named.
+            # Most policies without a controller fall in every condition; they are evaluated only if named.
             if names or own is not None or _has_controller(open_policy(row.policies[0])):
                 entrant = _entrant(name, row.kind, row.policies, row.base if row.base in rows else "")
                 found += [entrant] if entrant.conditions else []
     if own is not None:
         if own.name in chosen:
-            raise InvalidValueError("policy", own.name, "a candidate that has a name of its own")
+            raise InvalidValueError("policy", own.name, "a candidate with another name than the rows")
         found.append(own)
     return found
 
 
 def _candidate(rows: Mapping[str, Row], specs: Sequence[str], against: str) -> Entrant:
-    """One's own policy, and the row that it is compared with."""
+    """Return the candidate with the row for its comparison."""
     policies = [open_policy(spec) for spec in specs]
     require_one_policy(policies, specs)
     name, kind = policy_name(policies[0]), policy_kind(policies[0])
@@ -130,7 +131,7 @@ def _entrant(name: str, kind: str, policies: tuple[str, ...], against: str) -> E
 
 
 def _arguments(policy: Policy) -> list[dict[str, Any]]:
-    """What it asks of each environment on which it is defined."""
+    """Return the policy's arguments for each environment on which it is defined."""
     return [chosen for env_id in ENVIRONMENTS if (chosen := policy_arguments(policy, env_id)) is not None]
 
 
@@ -139,7 +140,7 @@ def _has_controller(policy: Policy) -> bool:
 
 
 def plan(entrants: Sequence[Entrant], count: int = COUNT) -> list[Episode]:
-    """Every episode that is to be played: the first `count` scenarios of each condition, by every run."""
+    """Return the episodes to run: the first `count` scenarios of each condition, for every run."""
     return [
         Episode(policy, condition, scenario)
         for entrant in entrants
@@ -150,7 +151,7 @@ def plan(entrants: Sequence[Entrant], count: int = COUNT) -> list[Episode]:
 
 
 def play_episodes(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
-    """Play episodes of one policy on one condition, each with a policy that has seen nothing before: at once or not."""
+    """Run episodes of one policy in one condition: as a batch if supported, else each with a new policy."""
     policy, name = episodes[0].policy, episodes[0].condition
     scenarios, how = [one.scenario for one in episodes], {"track": CONDITIONS[name]}
     if acts_in_batches(open_policy(policy)):
@@ -165,19 +166,19 @@ def play_all(
     folder: Path | None = None,
     on_episode: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:
-    """Play episodes, or what of them is not kept yet.
+    """Run the episodes without a stored result.
 
     Args:
-        episodes: What is played.
-        workers: Processes.
-        folder: Where finished episodes are kept, so that an interrupted table goes on where it was.
+        episodes: Episodes.
+        workers: Number of processes.
+        folder: Folder for finished episodes, from which an interrupted run resumes.
         on_episode: Called after every episode, for progress.
 
     Returns:
-        `METRICS` by name of each.
+        `METRICS` by name for each episode.
 
     Raises:
-        PolicyError: When a policy raises, answers with what is no action, or takes too long.
+        PolicyError: When a policy raises, returns an invalid action, or exceeds the time limit.
     """
     policies = {spec: open_policy(spec) for spec in dict.fromkeys(one.policy for one in episodes)}
     names = {spec: (policy_name(policy), policy_digest(policy)) for spec, policy in policies.items()}
@@ -189,9 +190,9 @@ def play_all(
         return f"{own}/{one.condition}/{digest_of(*words)[:24]}"
 
     if not all(map(keeps_to_itself, policies)):
-        folder = None  # what a policy can write is no result
+        folder = None  # stored results must not be writable by a policy
     if workers > 1:
-        close_guests()  # each worker has one of its own
+        close_guests()  # each worker opens its own
     try:
         results = finish(
             play_episodes, episodes, workers=workers, folder=folder, name=name, check=_check_result,
@@ -204,6 +205,6 @@ def play_all(
 
 
 def _check_result(episode: Episode, result: dict[str, Any]) -> None:
-    """Refuse what no episode gives."""
+    """Refuse a stored result that no episode can have."""
     require_form(result, RESULT, "result")
     check_metrics(result["metrics"], world=CONDITIONS[episode.condition].world)

@@ -1,4 +1,4 @@
-"""The held-out table: the file of what every policy did, its comparisons, and the lines that a page shows."""
+"""Held-out results: the file of all policies' metrics, their comparisons, and the lines of the tables."""
 
 import json
 import math
@@ -28,12 +28,12 @@ FORMAT = 1
 WRITER = "spidar leaderboard held-out"
 """Command that writes the file."""
 KEPT = {group: (*metrics, "success", "failed") for group, metrics in COMPARED.items()}
-"""Metrics that the file keeps of flights and of crawls."""
+"""Metrics in the file, by group of tracks."""
 DIGITS = 1
-"""Digits of a percent: whether an interval ends above 2 % shows."""
+"""Decimal places of percentages, enough to show whether an interval ends above 2 %."""
 
 MOST_BYTES = 2**26
-"""No file is larger."""
+"""Largest size of the file [bytes]."""
 FORM = {
     "format": int, "command": str, "versions": {str: str}, "processor": str, "model_sha256": str, "scenarios": int,
     "conditions": {str: str},
@@ -45,7 +45,7 @@ FORM = {
     ],
     "sha256": str,
 }  # fmt: skip
-"""What stands in it: `conditions` are hashes of their scenarios; a number a scenario for each run and metric."""
+"""Form of the file: `conditions` has the hashes of the scenarios, `runs` one value per scenario for each metric."""
 
 
 # ---- the file ----
@@ -54,13 +54,13 @@ FORM = {
 def make_content(
     entrants: Sequence[Entrant], episodes: Sequence[Episode], metrics: Sequence[Mapping[str, Any]], *, command: str
 ) -> dict[str, Any]:
-    """What the file holds.
+    """Assemble the content of the file.
 
     Args:
-        entrants: Who was played.
-        episodes: What was played: for every run the same number of scenarios of each condition, in order.
-        metrics: `METRICS` by name of each.
-        command: Command line that makes it.
+        entrants: Evaluated policies.
+        episodes: Episodes: for every run the same number of scenarios of each condition, in order.
+        metrics: `METRICS` by name for each episode.
+        command: Command line that reproduces the file.
     """
     found: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for episode, own in zip(episodes, metrics, strict=True):
@@ -95,7 +95,7 @@ def make_content(
 
 
 def content_text(content: Mapping[str, Any]) -> str:
-    """The file: a line for every condition of every policy."""
+    """Format the file: one line for every condition of every policy."""
 
     def words(value: object) -> str:
         return json.dumps(value, ensure_ascii=False)
@@ -111,16 +111,16 @@ def content_text(content: Mapping[str, Any]) -> str:
 
 
 def write_content(path: Path, content: Mapping[str, Any]) -> None:
-    """Write the file whole or not at all."""
+    """Write the file atomically."""
     write_text(path, content_text(content))
 
 
 def read_content(path: Path) -> dict[str, Any]:
-    """The content of a file.
+    """Read and check the content of a file.
 
     Raises:
-        SpidarError: When it cannot be read, was edited by hand, is of another format or robot, or holds what no
-            condition gives.
+        SpidarError: When it cannot be read, was edited by hand, has another format or robot, or has values that no
+            condition can have.
     """
     try:
         content = parse_json(read_file(path, MOST_BYTES))
@@ -139,7 +139,7 @@ def read_content(path: Path) -> dict[str, Any]:
 
 
 def _check_entry(entry: Mapping[str, Any], content: Mapping[str, Any]) -> None:
-    """Whether a policy's words can stand in a table, and it has a number for each scenario, of each metric and run."""
+    """Check the texts of a policy, and that it has a value for each scenario, metric and run."""
     check_name(entry["name"])
     require_name("kind", entry["kind"], KINDS)
     if entry["against"]:
@@ -168,12 +168,12 @@ def _check_run(run: Mapping[str, list[Any]], name: str, count: int) -> None:
 
 
 def _column(entry: Mapping[str, Any], condition: str, metric: str) -> np.ndarray:
-    """A metric of every run on every scenario, shape (runs, scenarios), NaN where a simulation left none."""
+    """Return a metric, shape (runs, scenarios); NaN where a diverged simulation left no value."""
     return np.array([run[metric] for run in entry["runs"][condition]], float)
 
 
 def compare_held_out(content: Mapping[str, Any], entry: Mapping[str, Any], condition: str) -> Comparison | None:
-    """A policy against whom it is compared with, its runs with the other's mean; None where either has not played."""
+    """Compare a policy's runs with the mean of the other policy's runs; None where either lacks the condition."""
     base = next((other for other in content["policies"] if other["name"] == entry["against"]), None)
     if base is None or condition not in entry["runs"] or condition not in base["runs"]:
         return None
@@ -185,12 +185,12 @@ def compare_held_out(content: Mapping[str, Any], entry: Mapping[str, Any], condi
 
 
 def held_out_lines(content: Mapping[str, Any], group: str) -> list[list[str]]:
-    """The conditions of flights or of crawls, policy by policy: heading and a line for each.
+    """Return the results of flights or crawls: a heading and one line per condition and policy.
 
-    Numbers are interquartile means over the scenarios, of the mean over the runs; – where a policy has not played.
+    Values are interquartile means over the scenarios of the mean over the runs; – where a policy was not evaluated.
 
     Args:
-        content: Of the file.
+        content: Content of the file.
         group: `flight` or `ground`.
 
     Raises:
@@ -221,9 +221,9 @@ def _cells(content: Mapping[str, Any], entry: Mapping[str, Any], condition: str,
 
 
 def worst_lines(content: Mapping[str, Any]) -> list[list[str]]:
-    """What each policy that is compared loses at most: the upper end of an interval that lies highest, and where.
+    """Return the largest loss of each compared policy: the highest upper end of an interval, with its condition.
 
-    A number that is missing on one side is worse than any that is there.
+    A missing value on either side counts as the largest loss.
     """
     lines = [["policy", "runs", "against", "largest upper end", "of", "on"]]
     for entry in content["policies"]:
@@ -241,12 +241,12 @@ def worst_lines(content: Mapping[str, Any]) -> list[list[str]]:
 
 
 def origin_lines(content: Mapping[str, Any]) -> list[list[str]]:
-    """What made the file: heading and a line."""
+    """Return the origin of the file: a heading and one line."""
     heads = ["command", "scenarios a condition", "spidar_gym", "processor"]
     own = [code(content["command"]), str(content["scenarios"]), content["versions"].get("spidar-gym", "")]
     return [heads, [*own, content["processor"]]]
 
 
 def condition_lines() -> list[list[str]]:
-    """Every condition and what is wrong in it: heading and a line for each."""
+    """Return the conditions and their deviations: a heading and one line each."""
     return [["condition", "what is wrong"], *([f"`{name}`", c.doc] for name, c in CONDITIONS.items())]

@@ -1,4 +1,4 @@
-"""The leaderboard: rows → scores with intervals, by track and over all tracks."""
+"""Leaderboard: scores of rows with intervals, by track and over all tracks."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -23,7 +23,7 @@ from spidar_gym.benchmark.statistics import (
 from spidar_gym.benchmark.track import TRACKS, by_group
 
 GROUPS = {group: [name for name, track in TRACKS.items() if track.group == group] for group in ("flight", "ground")}
-"""Tracks that are summed up in one score; a track of another group stands for itself."""
+"""Groups with one overall score, and their tracks; tracks of other groups have only their own scores."""
 SHOWN: dict[str, tuple[tuple[str, str, float, int], ...]] = by_group({
     "flight": (
         ("position_rms_m", "pos. mm", 1e3, 1), ("attitude_rms_rad", "att. mrad", 1e3, 1),
@@ -53,10 +53,10 @@ COUNTED = ("unsolved", "violations")
 
 @dataclass(frozen=True)
 class Cell:
-    """A row on a track."""
+    """Results of a row on a track."""
 
     score: Interval
-    """The reference's mean error over its own."""
+    """Mean error of the reference over mean error of the row."""
     difference: Interval
     """IQM of the paired differences over the reference's IQM; below 0 is better."""
     improvement: Interval
@@ -64,18 +64,18 @@ class Cell:
     error: float
     """IQM of the errors."""
     success: float
-    """Share of successes."""
+    """Success rate."""
     failed: float
-    """Share of failures, which cost the cap."""
+    """Share of failed scenarios, whose error is `CAP`."""
     scenarios: int
-    """How many were played."""
+    """Number of evaluated scenarios."""
     metrics: dict[str, float]
-    """What `SHOWN` lists."""
+    """Metrics of `SHOWN`."""
 
 
 @dataclass(frozen=True)
 class Board:
-    """All rows on all tracks."""
+    """Results of all rows on all tracks."""
 
     rows: Mapping[str, Row]
     """Rows by name, the reference first."""
@@ -84,11 +84,11 @@ class Board:
     cells: Mapping[tuple[str, str], Cell]
     """(row, track) → cell."""
     overall: Mapping[tuple[str, str], Interval]
-    """(row, group) → geometric mean of the tracks' scores, where the row has them all."""
+    """(row, group) → geometric mean of the tracks' scores, for rows with all tracks of the group."""
 
 
 def tabulate(rows: Mapping[str, Row]) -> Board:
-    """Scores and intervals of all rows (`RowError` without the reference row of a track)."""
+    """Compute scores and intervals of all rows (`RowError` without the reference row of a track)."""
     for name in dict.fromkeys((REFERENCE, *(TRACKS[track].reference for row in rows.values() for track in row.tracks))):
         if name not in rows:
             raise RowError(f"there is no row {name}, to which scores refer; valid: rows with {name}.json")
@@ -109,7 +109,7 @@ def tabulate(rows: Mapping[str, Row]) -> Board:
 
 
 def common_tracks(row: Row, base: Row) -> list[str]:
-    """Tracks on which both have played the same scenarios of the same split."""
+    """Return the tracks on which the base has all scenarios of the row, of the same split."""
     return [
         track
         for track in row.tracks
@@ -120,13 +120,13 @@ def common_tracks(row: Row, base: Row) -> list[str]:
 
 
 def pair(row: Row, base: Row, track: str) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of the reference (scenarios,) and of the row (runs, scenarios) on the row's scenarios."""
+    """Return the errors of the reference (scenarios,) and of the row (runs, scenarios) on the row's scenarios."""
     where = {index: k for k, index in enumerate(base.scenarios(track))}
     return base.errors(track)[0][[where[index] for index in row.scenarios(track)]], row.errors(track)
 
 
 def cell(row: Row, base: Row, track: str) -> Cell:
-    """A row on a track."""
+    """Compute the results of a row on a track."""
     strata = [pair(row, base, track)]
 
     def interval(statistic: Callable[[np.ndarray, np.ndarray], Numbers]) -> Interval:
@@ -151,7 +151,7 @@ def cell(row: Row, base: Row, track: str) -> Cell:
 
 
 def overall_interval(row: Row, base: Row, group: str) -> Interval | None:
-    """Score over a group of tracks; None where the row lacks one of them."""
+    """Compute the score over a group of tracks; None if the row lacks one of them."""
     if not set(GROUPS[group]) <= set(common_tracks(row, base)):
         return None
     strata = [pair(row, base, track) for track in GROUPS[group]]
@@ -159,15 +159,15 @@ def overall_interval(row: Row, base: Row, group: str) -> Interval | None:
 
 
 def is_ranked(board: Board, name: str) -> bool:
-    """Whether a row has all tracks of a group: an overall score."""
+    """Return whether a row has an overall score, that is, all tracks of a group."""
     return any((name, group) in board.overall for group in GROUPS)
 
 
 def ranking(board: Board, track: str) -> list[str]:
-    """Rows on a track, the best first: by score, or by success and then error where a track stands apart.
+    """Return the rows on a track, best first: by score, or by success and then error on tracks outside `GROUPS`.
 
-    A track of another group than `GROUPS` is about arriving, and its mean error, of which a score is made, is mostly
-    that of the failures: a row that fails in few scenarios and misses the goal in most would lead.
+    On tracks outside `GROUPS` reaching the goal matters. Failures dominate the mean error and hence the score there, so
+    that a row which fails in few scenarios but misses the goal in most would lead.
     """
     own = [name for name in board.rows if (name, track) in board.cells]
     cells = {name: board.cells[name, track] for name in own}
@@ -177,7 +177,7 @@ def ranking(board: Board, track: str) -> list[str]:
 
 
 def as_json(board: Board) -> dict[str, Any]:
-    """The leaderboard as one JSON object."""
+    """Return the leaderboard as one JSON object."""
     return {
         "overall": [
             {"policy": name, "group": group, **asdict(interval)} for (name, group), interval in board.overall.items()
@@ -187,7 +187,7 @@ def as_json(board: Board) -> dict[str, Any]:
 
 
 def summary(row: Row, references: Mapping[str, Row]) -> dict[str, Any]:
-    """A row's figures as JSON: against the reference of each track where there is one."""
+    """Return a row's results as JSON, relative to the reference of each track if `references` has it."""
     bases = {track: references.get(TRACKS[track].reference) for track in row.tracks}
     known = {base.name: base.content["sha256"] for base in bases.values() if base is not None}
     return {
@@ -203,6 +203,6 @@ def summary(row: Row, references: Mapping[str, Row]) -> dict[str, Any]:
 
 
 def _finite(values: dict[str, Any]) -> dict[str, Any]:
-    """NaN as None, which JSON has."""
+    """Replace NaN by None, because JSON has no NaN."""
     metrics = {name: None if math.isnan(value) else value for name, value in values["metrics"].items()}
     return {**values, "metrics": metrics}

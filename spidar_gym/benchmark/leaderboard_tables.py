@@ -1,4 +1,4 @@
-"""The leaderboard's tables: their cells, what a terminal shows of them, and the page LEADERBOARD.md."""
+"""Tables of the leaderboard, for terminals and for the page LEADERBOARD.md."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,25 +24,25 @@ from spidar_gym.policies.policy import LEARNED
 from spidar_gym.text import code, escaped, format_table
 
 FEWEST_RUNS = 5
-"""A learned row with fewer training seeds is flagged."""
+"""Number of training runs below which a learned row is flagged."""
 NARROW = 7
-"""Columns of a track that a terminal shows; the others are metrics."""
+"""Number of leading columns of a track's table that a terminal shows; the other columns are metrics."""
 
 
 def format_interval(interval: Interval, *, percent: bool = False) -> str:
-    """A number with its interval in brackets, as a change in percent where asked."""
+    """Format a value with its interval in brackets, optionally as a change in percent."""
     if percent:
         return f"{interval.value:+.0%} [{interval.low:+.0%}, {interval.high:+.0%}]"
     return f"{interval.value:.3g} [{interval.low:.3g}, {interval.high:.3g}]"
 
 
 def flag(row: Row) -> str:
-    """A learned row of too few training seeds is marked."""
+    """Return the mark of a learned row with fewer than `FEWEST_RUNS` training runs, else nothing."""
     return " †" if row.kind in LEARNED and len(row.policies) < FEWEST_RUNS else ""
 
 
 def overall_lines(board: Board) -> list[list[str]]:
-    """The policies that are defined on all tracks of flight or ground, best first: heading and a line a policy."""
+    """Return the policies with all tracks of flight or ground, best first: a heading and one line per policy."""
     lines = [["policy", "class", "runs", "flight", "ground", "success", "… on ground", "what it is"]]
     order = sorted(
         (name for name in board.rows if is_ranked(board, name)),
@@ -60,7 +60,7 @@ def overall_lines(board: Board) -> list[list[str]]:
 
 
 def partial_lines(board: Board, tracks: Sequence[str]) -> list[list[str]]:
-    """Rows without an overall score, track by track with their place there: they are not the worst, but elsewhere."""
+    """Return the rows without an overall score, with their place on each track."""
     lines = [["policy", "class", "runs", "track", "place", "score", "what it is"]]
     for track in [track for track in board.tracks if track in tracks]:
         order = ranking(board, track)
@@ -73,7 +73,7 @@ def partial_lines(board: Board, tracks: Sequence[str]) -> list[list[str]]:
 
 
 def track_lines(board: Board, track: str) -> list[list[str]]:
-    """The policies of a track in the order of `ranking`: heading and a line a policy."""
+    """Return the policies of a track in the order of `ranking`: a heading and one line per policy."""
     shown, reference = SHOWN[TRACKS[track].group], TRACKS[track].reference
     heads = ["policy", "score", "error, IQM", f"against {reference}", "P(better)", "success", "failed"]
     lines = [[*heads, *(head for _, head, *_ in shown)]]
@@ -95,7 +95,7 @@ def track_lines(board: Board, track: str) -> list[list[str]]:
 
 
 def text(board: Board, tracks: Sequence[str] = (), *, wide: bool = False) -> str:
-    """The leaderboard for a terminal, within 120 columns, or every metric; tracks that are chosen come first."""
+    """Format the leaderboard for a terminal, in 120 columns or with all metrics; selected tracks come first."""
     shown = tracks or board.tracks
     ranked = overall_lines(board), partial_lines(board, shown)
     overall = [format_table([line[:-1] for line in lines]) for lines in ranked if len(lines) > 1]
@@ -108,7 +108,7 @@ def text(board: Board, tracks: Sequence[str] = (), *, wide: bool = False) -> str
 
 
 def report(row: Row, references: Mapping[str, Row]) -> str:
-    """What an evaluation gave, for a terminal: the row beside the reference of each track."""
+    """Format an evaluation for a terminal: the row with the reference of each track."""
     bases = {name: references[name] for name in dict.fromkeys(REFERENCES.values()) if name in references}
     common = {
         track: bases[name]
@@ -138,31 +138,30 @@ def report(row: Row, references: Mapping[str, Row]) -> str:
 
 
 def markdown(board: Board) -> str:
-    """LEADERBOARD.md."""
+    """Return the text of LEADERBOARD.md."""
     apart = [track for track in board.tracks if TRACKS[track].group not in GROUPS]
     lines = [
         "# Leaderboard",
         "",
-        "Written by `spidar leaderboard build` from the rows in `scores/`; nothing here is typed. A score is the mean",
-        f"error of `{REFERENCE}`, the paper's controller, over the policy's own on the same scenarios: 1 is the",
-        "paper's controller, above 1 is beyond the paper. A failed scenario costs an error of "
-        f"{CAP:g}. In brackets: 95 %",
-        "bootstrap intervals over scenarios (and training runs, where there are several). On courses, of which the",
-        f"paper has none, scores refer to `{REFERENCES['course']}`.",
+        "Written by `spidar leaderboard build` from the rows in `scores/`. A score is the mean error of the paper's",
+        f"controller, `{REFERENCE}`, divided by the mean error of the policy on the same scenarios. A score above 1 is",
+        f"better than the paper's controller. A failed scenario has the error {CAP:g}. Brackets contain 95 % bootstrap",
+        "intervals over scenarios and, if there are several, training runs. The paper has no courses; their scores",
+        f"refer to `{REFERENCES['course']}`.",
         "",
         "![Scores with their intervals on the tracks that separate the best policies most clearly](leaderboard.png)",
         "",
         "## All tracks",
         "",
         "Geometric mean of the tracks' scores; – where a policy is not defined on all of them.",
-        *(f"Not in it: `{track}`, whose score stands by itself." for track in apart),
-        *(["", "Tables of those are ordered by success, then by error; the others by score."] if apart else []),
+        *([f"These tracks have separate scores: {', '.join(map(code, apart))}."] if apart else []),
+        *(["Their tables are ordered by success, then by error; the other tables by score."] if apart else []),
         "",
         format_table(overall_lines(board), markdown=True),
     ]
     partial = partial_lines(board, board.tracks)
     if len(partial) > 1:
-        lines += ["", "Policies that are defined on some tracks only, and their place there:", ""]
+        lines += ["", "Policies that are defined on some tracks only, with their place on each track:", ""]
         lines.append(format_table(partial, markdown=True))
     lines += _added_lines(board)
     if any(flag(row) for row in board.rows.values()):
@@ -185,9 +184,10 @@ def markdown(board: Board) -> str:
         "## How to read it",
         "",
         "- error, IQM: interquartile mean of the scenarios' errors.",
-        "- against another one: interquartile mean of the paired differences over that of this row; below 0 is better.",
-        "- P(better): probability that the error on a scenario is below the reference's.",
-        "- The other columns are medians, but for violations and unsolved QPs, which are means a scenario.",
+        "- against REFERENCE: interquartile mean of the paired differences over the interquartile mean of the",
+        "  reference's errors; below 0 is better.",
+        "- P(better): probability that the error in a scenario is below the reference's error.",
+        "- The other columns are medians, except violations and unsolved QPs, which are means over the scenarios.",
         *(f"- {heading}: {METRICS[name].doc}." for name, heading in headings),
         "",
         "## Rows",
@@ -205,7 +205,7 @@ def markdown(board: Board) -> str:
 
 
 def _added_lines(board: Board) -> list[str]:
-    """What learning adds: every residual against the controller that it adds to."""
+    """Compare every residual with the controller to which it adds."""
     lines = []
     for row in board.rows.values():
         if row.base not in board.rows:
@@ -214,14 +214,15 @@ def _added_lines(board: Board) -> list[str]:
             lines += ["", f"{code(row.name)}{flag(row)} against `{row.base}`:", "", format_table(cells, markdown=True)]
     if not lines:
         return []
-    head = (
-        "IQM of the paired differences over that of the base, with 95 % intervals over scenarios and runs; below 0 is"
-    )
-    return ["", "## What learning adds", "", head, "better.", *lines]
+    head = [
+        "Interquartile mean (IQM) of the paired differences over the IQM of the base, with 95 % intervals over",
+        "scenarios and runs; below 0 is better.",
+    ]
+    return ["", "## What learning adds", "", *head, *lines]
 
 
 def _trained(row: Row) -> str:
-    """What the training cost, as its artifact says."""
+    """Return command and steps of the training from the row, as text."""
     first = next((entry for entry in row.content["training"] or () if entry), None)
     if first is None:
         return ""

@@ -1,4 +1,4 @@
-"""The numbers of an episode: what each means, and of which type and in which range it is wherever one is read."""
+"""Metrics of an episode: meaning, type, valid range and tolerance of each."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,29 +9,29 @@ from spidar_gym.benchmark.track import BOTH, CAP, FLIGHT, GROUND
 from spidar_gym.errors import InvalidValueError
 
 WORD = 200
-"""Longest word on a failure, in characters."""
+"""Largest length of the reason of a failure [characters]."""
 
 
 @dataclass(frozen=True)
 class Metric:
-    """One number of an episode; none is negative."""
+    """One metric of an episode; no metric is negative."""
 
     doc: str
     """Meaning."""
     kind: type
-    """`float`, `int`, `bool`, or `str`: just this type."""
+    """Exact type: `float`, `int`, `bool` or `str`."""
     most: float = 1.0
-    """Largest value: far beyond what an episode can give, and near enough that no sum of them overflows."""
+    """Largest valid value: far above the values of episodes, but small enough that sums do not overflow."""
     worlds: tuple[str, ...] = (FLIGHT, GROUND, BOTH)
-    """Where it has a meaning; elsewhere it is None in a flight and on the ground, and not told of a course."""
+    """Worlds in which the metric is defined. Elsewhere it is None in flights and crawls, and absent from courses."""
     least: float = 0.0
-    """Smallest value: above 0 where others are divided by it."""
+    """Smallest valid value; above 0 for divisors."""
     spread: Mapping[str, float] = field(default_factory=dict)
-    """How far rounding may move it in each world: see `METRICS`."""
+    """Tolerance for rounding in each world, see `METRICS`."""
 
     @property
     def expected(self) -> str:
-        """What is valid, in words."""
+        """Valid values, as text."""
         if self.kind is bool:
             return "true or false"
         if self.kind is str:
@@ -39,11 +39,11 @@ class Metric:
         return f"a {'whole ' if self.kind is int else ''}number within {self.least:g} … {self.most:g}"
 
     def odd(self, values: Sequence[object], failed: Sequence[bool], *, world: str) -> int | None:
-        """Which value it cannot have, the first; None where it may have them all.
+        """Return the index of the first invalid value; None if all values are valid.
 
         Args:
-            values: Its values in scenarios, all in one call, since the committed rows have half a million.
-            failed: Which of these scenarios failed: a simulation that diverged leaves numbers that are none.
+            values: Values of the metric in scenarios, in one call because the committed rows have half a million.
+            failed: Whether each scenario failed; after a diverged simulation a value may be None.
             world: A flight, the ground or a course.
         """
         kind, least, most, told = self.kind, self.least, self.most, world in self.worlds
@@ -67,22 +67,26 @@ def _spread(flight: float = 0.0, ground: float = 0.0, course: float = 0.0) -> di
 
 METRICS: dict[str, Metric] = {
     "error": Metric(
-        "the track's error, on which the score rests", float, CAP, least=1e-300, spread=_spread(1e-06, 0.001, 0.02)
+        "the track's error, from which the score is computed",
+        float,
+        CAP,
+        least=1e-300,
+        spread=_spread(1e-06, 0.001, 0.02),
     ),
-    "success": Metric("`info['is_success']` in the end", bool),
-    "failed": Metric("ended early, late at a form, or not finished: costs the cap", bool),
-    "failure": Metric("why, in words", str),
+    "success": Metric("`info['is_success']` at the end", bool),
+    "failed": Metric("ended early, late at a form, or not finished; the error is the cap", bool),
+    "failure": Metric("reason of the failure, as text", str),
     "position_rms_m": Metric(
         "flight: RMS of ‖position error‖ after the first second", float, 10.0, (FLIGHT,), spread=_spread(1e-05, 0.0)
     ),
     "attitude_rms_rad": Metric(
-        "RMS of ‖attitude error‖ after the first second; on the ground and on a course of the tilt",
+        "RMS of ‖attitude error‖ after the first second; on the ground and on courses RMS of the tilt",
         float,
         math.tau,
         spread=_spread(1e-05, 0.0003, 3e-4),
     ),
     "joint_rms_rad": Metric(
-        "RMS over the joints of the scenario's plan − measured; ground: setpoint − measured",
+        "RMS over the joints of planned − measured angle; ground: setpoint − measured angle",
         float,
         math.tau,
         (FLIGHT, GROUND),
@@ -90,46 +94,53 @@ METRICS: dict[str, Metric] = {
     ),
     "late_forms": Metric("flight: forms not reached within 0.5 s after their deadline", int, 100.0, (FLIGHT,)),
     "final_error_m": Metric(
-        "ground, course: distance from the goal in the end",
+        "ground, course: distance from the goal at the end",
         float,
         100.0,
         (GROUND, BOTH),
         spread=_spread(0.0, 5e-05, 0.004),
     ),
     "final_yaw_rad": Metric(
-        "ground, course: |heading error| in the end", float, math.tau, (GROUND, BOTH), spread=_spread(0.0, 1e-4, 0.004)
+        "ground, course: |heading error| at the end", float, math.tau, (GROUND, BOTH), spread=_spread(0.0, 1e-4, 0.004)
     ),
     "drift": Metric(
-        "ground: final error over the way, a radian counting 0.5 m", float, 100.0, (GROUND,), spread=_spread(0.0, 1e-4)
+        "ground: final error over the distance from start to goal, a radian counting 0.5 m",
+        float,
+        100.0,
+        (GROUND,),
+        spread=_spread(0.0, 1e-4),
     ),
     "slip_m": Metric(
-        "ground: way of the worst foot's touching point on the floor",
+        "ground: slip of the worst foot on the floor",
         float,
         100.0,
         (GROUND,),
         spread=_spread(0.0, 0.003),
     ),
     "duration_s": Metric(
-        "flown, or until the crawl or the course was finished", float, 1e3, spread=_spread(0.026, 0.026, 0.5)
+        "duration of the flight, or time until the crawl or the course was finished",
+        float,
+        1e3,
+        spread=_spread(0.026, 0.026, 0.5),
     ),
     "energy_wh": Metric("electrical energy", float, 1e3, spread=_spread(1e-06, 0.04, 0.15)),
-    "endurance_min": Metric("predicted from the mean power", float, 1e6, spread=_spread(1e-06, 0.1, 0.03)),
+    "endurance_min": Metric("endurance predicted from the mean power", float, 1e6, spread=_spread(1e-06, 0.1, 0.03)),
     "cost_of_transport": Metric(
-        "ground: energy over weight times way", float, 1e6, (GROUND,), spread=_spread(0.0, 1.5)
+        "ground: energy over weight times distance", float, 1e6, (GROUND,), spread=_spread(0.0, 1.5)
     ),
     "thrust_mean": Metric("mean commanded Σλ over the weight", float, 10.0, spread=_spread(1e-07, 0.0003, 0.004)),
     "torque_share": Metric(
         "largest |joint torque| over the servo's limit", float, 10.0, spread=_spread(1e-05, 5e-05, 1e-3)
     ),
     "violations": Metric(
-        "share of ticks with a static joint torque above the limit or a rotor that blows on another",
+        "share of ticks with a static joint torque above the limit or a violated interference constraint",
         float,
         worlds=(FLIGHT, GROUND),
         spread=_spread(0.0025, 0.0025),
     ),
-    "unsolved": Metric("ticks whose QP had no optimum; of a course the last of every step counts", int, 1e5),
+    "unsolved": Metric("ticks whose QP had no optimum; on courses only the last tick of every step counts", int, 1e5),
     "flown_s": Metric(
-        "course: time with the weight on the rotors, or on its way there",
+        "course: time with the weight on the rotors, or while it is shifted to them",
         float,
         1e3,
         (BOTH,),
@@ -137,34 +148,39 @@ METRICS: dict[str, Metric] = {
     ),
     "crawled_s": Metric("course: time of crawling", float, 1e3, (BOTH,), spread=_spread(course=0.5)),
     "hit_n": Metric(
-        "course: largest force on anything but feet and pegs", float, 1e6, (BOTH,), spread=_spread(course=0.5)
+        "course: largest contact force on any part other than feet and pegs",
+        float,
+        1e6,
+        (BOTH,),
+        spread=_spread(course=0.5),
     ),
 }
-"""Every number of an episode, by name, which ends in its unit where it has one.
+"""Metrics of an episode by name; names end in the unit.
 
-Its `spread` is some thirty times the largest difference that rounding made in 274 scenarios of all 14 rows, and one
-tick of control for times and shares of ticks, which did not move at all; nor did a success, a failure, or a count. Rows
-of a processor with AVX2 were played again on one with AVX-512 (120), there with numpy and OpenBLAS held to SSE3 (46,
-`NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4 AVX512_ICL" OPENBLAS_CORETYPE=Prescott`), and with the other controller (108);
-`spidar leaderboard verify --sample 80 [--control python]` does the like and says the largest ones. They were, in a
-flight and on the ground: error 1.5e-9, 3.3e-5; position 3.5e-7 m; attitude 2.5e-7, 7.8e-6 rad; joints 3.7e-8,
-1.6e-5 rad; end of a crawl 1.7e-6 m, 2.2e-6 rad; drift 2.1e-6; slip 9.9e-5 m; energy 2.9e-9, 1.3e-3 Wh; endurance
-2.6e-8, 3.1e-3 min; cost of transport 0.049; thrust 5.2e-12, 8.0e-6; torque 4.2e-8, 1.5e-6.
+`spread` is about thirty times the largest difference due to rounding in 274 scenarios of all 14 rows. For times and
+shares of ticks, which did not change at all, it is one control tick. Successes, failures and counts did not change.
+Rows from a processor with AVX2 were re-run on a processor with AVX-512 (120 scenarios), on the latter with NumPy and
+OpenBLAS limited to SSE3 (46, `NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4 AVX512_ICL" OPENBLAS_CORETYPE=Prescott`), and
+with the Python controller (108). `spidar leaderboard verify --sample 80 [--control python]` repeats such a check and
+prints the largest differences. They were, in flights and on the ground: error 1.5e-9, 3.3e-5; position 3.5e-7 m;
+attitude 2.5e-7, 7.8e-6 rad; joints 3.7e-8, 1.6e-5 rad; end of a crawl 1.7e-6 m, 2.2e-6 rad; drift 2.1e-6; slip
+9.9e-5 m; energy 2.9e-9, 1.3e-3 Wh; endurance 2.6e-8, 3.1e-3 min; cost of transport 0.049; thrust 5.2e-12, 8.0e-6;
+torque 4.2e-8, 1.5e-6.
 
-On courses, minutes long, it is some ten times what the other controller made of 14 scenarios of `course_rule`: error
-2.2e-3; end 0.41 mm, 0.44 mrad; time 0.075 s, three ticks of crawling; energy 0.016 Wh; endurance 3.2e-3 min; tilt
-2.5e-5 rad; thrust 4.1e-4; torque 1.3e-8. Nothing was hit.
+On courses, which last minutes, `spread` is about ten times the difference between the two controllers in 14 scenarios
+of `course_rule`: error 2.2e-3; final error 0.41 mm, 0.44 mrad; time 0.075 s, three ticks of crawling; energy 0.016 Wh;
+endurance 3.2e-3 min; tilt 2.5e-5 rad; thrust 4.1e-4; torque 1.3e-8. There were no contacts.
 """
 
 
 def told_in(world: str) -> dict[str, Metric]:
-    """What is told of an episode there: rows of flights and crawls have all that either of them knows."""
+    """Return the metrics of an episode in a world; flights and crawls both have the metrics of either."""
     others = (FLIGHT, GROUND) if world in (FLIGHT, GROUND) else (world,)
     return {name: metric for name, metric in METRICS.items() if set(others) & set(metric.worlds)}
 
 
 def differences(then: Mapping[str, Any], now: Mapping[str, Any], *, world: str) -> dict[str, float]:
-    """How far each metric that is not equal has moved, as a share of its `spread`; infinity where none is allowed."""
+    """Return the difference of each unequal metric as a share of its `spread`; infinity without a tolerance."""
     found = {}
     for name, metric in told_in(world).items():
         a, b = then[name], now[name]
@@ -176,21 +192,21 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any], *, world: str) 
 
 
 def check_metrics(metrics: Mapping[str, Any], *, world: str) -> None:
-    """Refuse what no episode of a flight, of a crawl or of a course can have given.
+    """Refuse metrics that no episode in the world can have.
 
     Raises:
-        InvalidValueError: For a metric that is missing, too many, of another type, out of its range, or at odds with
-            the others.
+        InvalidValueError: For a metric that is missing, unknown, of another type, out of range, or inconsistent with
+            the other metrics.
     """
     if (found := find_odd({name: [value] for name, value in metrics.items()}, world=world)) is not None:
         raise found[1]
 
 
 def find_odd(run: Mapping[str, Sequence[Any]], *, world: str) -> tuple[int, InvalidValueError] | None:
-    """The first scenario that no episode can have given, and why; None where all of them may have been.
+    """Return the first scenario with invalid metrics and the error; None if all are valid.
 
     Args:
-        run: Metric → its value in each scenario.
+        run: Metric → value in each scenario.
         world: A flight, the ground or a course.
     """
     known = told_in(world)

@@ -1,4 +1,4 @@
-"""Long work that goes on where it was interrupted: its finished pieces lie in files, each with a digest."""
+"""Resumable computations: the results of finished items are stored in files with digests."""
 
 import dataclasses
 import hashlib
@@ -17,12 +17,15 @@ from spidar_gym.processes import Pool
 PACKAGE = Path(__file__).resolve().parents[1]
 """Folder of the package's code."""
 CODE = (".py", ".c", ".h")
-"""How the names of its files end."""
+"""Suffixes of the code files."""
 
 
 @cache
 def code_digest(*names: str) -> str:
-    """Digest of files and folders of the package, all of it by default: another code's pieces are none of ours."""
+    """Return the digest of files and folders of the package, by default of the whole package.
+
+    The digest is part of the names of stored results, so that results of other code are not used.
+    """
     digest = hashlib.sha256()
     for path in [PACKAGE / name for name in names] or [PACKAGE]:
         files = (file for file in path.rglob("*") if file.suffix in CODE) if path.is_dir() else (path,)
@@ -32,7 +35,7 @@ def code_digest(*names: str) -> str:
 
 
 def digest_of(*words: Any) -> str:  # noqa: ANN401 - JSON and dataclasses
-    """Digest of values that are made of dataclasses and JSON."""
+    """Return the digest of values made of dataclasses and JSON."""
     text = json.dumps(words, default=dataclasses.asdict, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -50,28 +53,29 @@ def finish(
     on_done: Callable[[int, Any], object] = lambda k, result: None,
     together: Sequence[Hashable] | None = None,
 ) -> list[Any]:
-    """Do what is not done yet, in whatever order.
+    """Apply a function to all items without a stored result, in any order.
 
     Args:
-        call: A piece of the work, whose result is JSON; it and the items must be picklable.
-        items: What it is done on, each made of dataclasses and JSON.
-        workers: Processes, or workers of a local Ray cluster.
-        ray: Address of a Ray cluster to do it on, `local` for one here.
-        folder: Where finished pieces are kept; nowhere if None.
-        name: Item → name of its file there, without ending: another one for whatever changes its result. By default a
-            digest of call, item and the package's code.
-        check: Called with an item and what is kept of it; raises where that cannot be its result.
-        label: Index of an item → what it is called when it is lost.
-        on_done: Called with the index and result of each piece, as soon as it is there.
-        together: Which pieces may be done at once, those with the same entry: `call` is given lists of them then, as
-            long as leaves work for all workers, and gives a list of results, each the same as of a list of one.
+        call: Function of one item whose result is JSON; the function and the items must be picklable.
+        items: Items, each made of dataclasses and JSON.
+        workers: Number of processes, or of workers of a local Ray cluster.
+        ray: Address of a Ray cluster that does the work, `local` for one on this machine.
+        folder: Folder for the results; they are not stored if None.
+        name: Item → name of its file without suffix; must change with everything that changes the result. By default
+            a digest of function, item and the package's code.
+        check: Called with an item and its stored result; raises if the result is not valid for the item.
+        label: Index of an item → name of the item in error messages.
+        on_done: Called with the index and result of each item as soon as it is available.
+        together: Key of each item. Neighbouring items with the same key may be processed together: `call` then
+            receives lists of items, short enough to leave work for all workers, and returns a list of results, each
+            equal to the result of a list of one.
 
     Returns:
-        Results in the order of the items, the same whether they were kept or have just been made.
+        Results in the order of the items; stored and new results are equal.
 
     Raises:
-        LostWorkerError: When a worker has been killed.
-        SpidarError: Where there is no cluster.
+        LostWorkerError: When a worker was killed.
+        SpidarError: When no cluster can be reached.
     """
     items, results = list(items), dict[int, Any]()
     files = dict[int, Path]()
@@ -83,7 +87,7 @@ def finish(
             results[k] = _read(file)
             check(items[k], results[k])
         except (OSError, ValueError, KeyError, TypeError, RecursionError, SpidarError):
-            results.pop(k, None)  # not there, not whole, or not as it was written: done once more
+            results.pop(k, None)  # missing, incomplete or changed: computed again
         else:
             on_done(k, results[k])
     rest = {k: item for k, item in enumerate(items) if k not in results}
@@ -101,7 +105,7 @@ def finish(
 
 
 def _lists(ks: Sequence[int], together: Sequence[Hashable], workers: int) -> list[list[int]]:
-    """Pieces that are done at once: neighbours with the same entry, in as many lists as give each worker its share."""
+    """Group neighbouring items with the same key, split into lists so that each worker receives a share."""
     lists = []
     for _, group in groupby(ks, key=lambda k: together[k]):
         own = list(group)
@@ -111,10 +115,10 @@ def _lists(ks: Sequence[int], together: Sequence[Hashable], workers: int) -> lis
 
 
 def _read(file: Path) -> Any:  # noqa: ANN401 - JSON
-    """A result as it was written; whatever else lies there raises."""
+    """Read a stored result; raises for any other content."""
     found = json.loads(file.read_text(encoding="utf-8"))
     if found["sha256"] != digest_of(file.stem, found["result"]):
-        raise ValueError("its digest is another one's")
+        raise ValueError("its digest does not match")
     return found["result"]
 
 

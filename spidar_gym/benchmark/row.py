@@ -1,4 +1,4 @@
-"""A row of the leaderboard: one JSON file with everything that its numbers rest on, and a hash that guards it."""
+"""Rows of the leaderboard: JSON files with the origin of all their numbers, protected by a hash."""
 
 import hashlib
 import json
@@ -38,35 +38,35 @@ BASES = {"paper": "qp", "tuned": "qp_tuned", "tuned_v1": "qp_tuned_v1", "retuned
          "published": "qp", "robust": "qp_tuned", "overlapped": "qp_overlapped",
          "robust_overlapped": "qp_robust_overlapped", "robust_overlapped_v1": "qp_robust_overlapped_v1",
          "robust_retuned": "qp_retuned"}  # fmt: skip
-"""Preset → the row of that controller, with which what adds to it is compared."""
+"""Preset → the row of its controller, with which residuals on this preset are compared."""
 ROWS = "baselines/scores"
 """Folder of the committed rows."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the leaderboard."""
+    """One row of the leaderboard."""
 
     name: str
     """Name of the policy."""
     kind: str
     """One of `KINDS`."""
     doc: str
-    """What it is, in one line."""
+    """Description in one line."""
     policies: tuple[str, ...]
-    """Specification of each run: one for a deterministic controller, one a training seed for a learned one."""
+    """Specification of each run: one for a deterministic controller, one per training seed for a learned policy."""
     content: Mapping[str, Any]
-    """The file, whole."""
+    """Content of the file."""
     added: tuple["Row", ...] = ()
-    """Rows of the same runs on tracks that the file lacks, each of a file of its own."""
+    """Rows of the same runs on further tracks, each from a separate file."""
 
     @property
     def tracks(self) -> list[str]:
-        """Tracks on which it was evaluated, in the table's order."""
+        """Evaluated tracks, in the order of `TRACKS`."""
         return [name for name in TRACKS if any(name in part.content["tracks"] for part in (self, *self.added))]
 
     def part(self, track: str) -> "Row":
-        """The row of the file that has a track (`KeyError` where none has)."""
+        """Return the row of the file that contains a track (`KeyError` if none does)."""
         for part in (self, *self.added):
             if track in part.content["tracks"]:
                 return part
@@ -74,24 +74,24 @@ class Row:
 
     @property
     def base(self) -> str:
-        """Name of the row of the controller that it adds to; empty where it adds to none that is known."""
+        """Row of the controller to which a residual adds; empty for other policies and unknown controllers."""
         chosen = self.content.get("arguments") or {}
         return BASES.get(str(chosen.get("preset", "")), "") if self.kind == "residual" else ""
 
     def errors(self, track: str) -> np.ndarray:
-        """Error of every run on every scenario, shape (runs, scenarios)."""
+        """Return the errors, shape (runs, scenarios)."""
         return np.array([run["error"] for run in self.part(track).content["tracks"][track]["runs"]], float)
 
     def column(self, track: str, metric: str) -> np.ndarray:
-        """A metric of every run on every scenario, NaN where it has no meaning."""
+        """Return a metric, shape (runs, scenarios); NaN where it is not defined."""
         return np.array([run[metric] for run in self.part(track).content["tracks"][track]["runs"]], float)
 
     def split(self, track: str) -> str:
-        """Which scenarios of a track."""
+        """Return the split of a track's scenarios."""
         return self.part(track).content["tracks"][track]["split"]
 
     def scenarios(self, track: str) -> list[int]:
-        """Indices of the scenarios that were played."""
+        """Return the indices of the evaluated scenarios of a track."""
         return self.part(track).content["tracks"][track]["scenarios"]
 
 
@@ -102,13 +102,13 @@ def make_row(
     *,
     command: str,
 ) -> Row:
-    """The row of a policy.
+    """Create the row of a policy.
 
     Args:
-        policies: One for each run.
-        specs: Their specifications.
-        scores: For each track the score of each run.
-        command: Command line that makes it.
+        policies: Policy of each run.
+        specs: Specification of each run.
+        scores: Track → score of each run.
+        command: Command line that reproduces the row.
     """
     first = policies[0]
     require_one_policy(policies, specs)
@@ -153,13 +153,13 @@ def make_row(
 
 
 def _sees_the_state(policy: Policy, scores: Mapping[str, Sequence[Score]]) -> bool:
-    """Whether an allocator or a law of its own acts for it somewhere: they are called with the robot's whole state."""
+    """Return whether the policy has a custom allocator or law, which are called with the robot's whole state."""
     chosen = [policy_arguments(policy, TRACKS[track].env_id) or {} for track in scores]
     return any(name in READABLE for arguments in chosen for name in arguments)
 
 
 def _arguments(policy: Policy, scores: Mapping[str, Sequence[Score]]) -> dict[str, Any]:
-    """What a learned policy asked its environment for; nothing for a controller, whose code says it."""
+    """Return the environment arguments of a learned policy; nothing for a controller, whose code specifies them."""
     if policy_kind(policy) not in LEARNED:
         return {}
     chosen = policy_arguments(policy, TRACKS[next(iter(scores))].env_id) or {}
@@ -168,7 +168,7 @@ def _arguments(policy: Policy, scores: Mapping[str, Sequence[Score]]) -> dict[st
 
 
 def require_one_policy(policies: Sequence[Policy], specs: Sequence[str]) -> None:
-    """Refuse runs of different policies, and words that no row may hold."""
+    """Refuse runs of different policies, and descriptions that are invalid in a row."""
     for policy in policies:
         policy_doc(policy)
     if len({(policy_name(policy), policy_kind(policy)) for policy in policies}) > 1:
@@ -176,18 +176,18 @@ def require_one_policy(policies: Sequence[Policy], specs: Sequence[str]) -> None
 
 
 def row_of(content: Mapping[str, Any]) -> Row:
-    """The row that a file's whole content is."""
+    """Create a row from the content of its file."""
     return Row(content["name"], content["kind"], content["doc"], tuple(content["policies"]), content)
 
 
 def row_hash(content: Mapping[str, Any]) -> str:
-    """SHA-256 of a row but for itself and the `timing` block: on which processor it was made counts, not how fast."""
+    """Return the SHA-256 of a row without the hash and the block `timing`; the processor's name is included."""
     kept = {key: value for key, value in content.items() if key not in ("sha256", "timing")}
     return hashlib.sha256(json.dumps(kept, sort_keys=True, ensure_ascii=False).encode()).hexdigest()
 
 
 def row_text(row: Row) -> str:
-    """The row's file: one line a metric."""
+    """Format the row's file, one line per metric."""
     content = dict(row.content)
     tracks, timing, digest = content.pop("tracks"), content.pop("timing"), content.pop("sha256")
     lines = ["{"]
@@ -207,17 +207,17 @@ def row_text(row: Row) -> str:
 
 
 def write_row(row: Row, folder: Path) -> Path:
-    """Write a row whole or not at all; its path."""
+    """Write a row atomically and return its path."""
     path = folder / f"{row.name}.json"
     write_text(path, row_text(row))
     return path
 
 
 def read_content(path: Path) -> dict[str, Any]:
-    """What a row's file holds, its hash checked and nothing else.
+    """Read a row's file and check its hash only.
 
     Raises:
-        RowError: When it cannot be read, holds what is no JSON, no object or no number, or was edited by hand.
+        RowError: When it cannot be read, is not a JSON object, contains a non-finite number, or was edited by hand.
     """
     try:
         if path.is_file() and path.stat().st_size > LARGEST:
@@ -237,24 +237,24 @@ def read_content(path: Path) -> dict[str, Any]:
 
 
 def _refuse(word: str) -> NoReturn:
-    """JSON has no NaN, and a row no infinity."""
+    """Refuse NaN and infinity, which a row must not contain."""
     raise ValueError(f"{word} is no finite number")
 
 
 def _require_finite(content: object) -> None:
-    """Refuse `1e999`, of which `json` makes an infinity; writing it again asks all numbers in C."""
+    """Refuse numbers like `1e999`, which `json` reads as infinity; `json.dumps` checks all numbers fast, in C."""
     try:
         json.dumps(content, allow_nan=False)
     except ValueError:
-        _refuse("a number of it")
+        _refuse("a number in it")
 
 
 def read_row(path: Path) -> Row:
-    """A row from its file; `baselines/scores/…` is the committed one where the working folder has none of that name.
+    """Read and check a row; a missing `baselines/scores/…` is read from the committed files.
 
     Raises:
-        RowError: When it cannot be read, was edited by hand, is of another format, holds what no evaluation writes,
-            or its scenarios or model are not the present ones.
+        RowError: When it cannot be read, was edited by hand, has another format or invalid content, or its scenarios
+            or robot model are not the current ones.
     """
     path = committed(path)
     content = read_content(path)
@@ -268,22 +268,21 @@ def read_row(path: Path) -> Row:
 
 
 def row_files(folder: Path, name: str = "*") -> list[Path]:
-    """Files of rows: those of a folder, then those of the groups that have a folder in it.
+    """Return the row files of a folder, then those of its subfolders, which are named after groups of tracks.
 
-    A group of tracks that came later has a folder, so that the rows that were there stay as they were made: with their
-    processor, their versions and their hash.
+    Groups of tracks that were added later have subfolders, so that older files keep their processor, versions and hash.
     """
     groups = dict.fromkeys(track.group for track in TRACKS.values())
     return [path for place in ("", *groups) for path in sorted((folder / place).glob(f"{name}.json"))]
 
 
 def read_rows(folder: Path, name: str = "*") -> dict[str, Row]:
-    """Every row of a folder by name, the reference first, or one of a name; the files of a name are one row.
+    """Read the rows of a folder by name, the reference first, or a single row; files of one name are joined.
 
-    `baselines/scores` is the committed folder where the working folder has none of that name.
+    A missing `baselines/scores` is read from the committed files.
 
     Raises:
-        RowError: For a folder without rows, a row that cannot be read, and files of one name that do not go together.
+        RowError: For a folder without rows, an invalid row, and files of one name that cannot be joined.
     """
     folder = committed(folder)
     if not folder.is_dir():
@@ -298,31 +297,31 @@ def read_rows(folder: Path, name: str = "*") -> dict[str, Row]:
 
 
 def _joined(row: Row, other: Row, path: Path, folder: Path) -> Row:
-    """A row, and one of the same runs on other tracks from the folder of a group."""
+    """Join a row with a row of the same runs on other tracks, from the subfolder of a group."""
     both = set(row.tracks) & set(other.tracks)
     if path.parent == folder:
         raise RowError(f"{path} is a second row {row.name}; valid: one file a row")
     if both:
-        raise RowError(f"{path} has {', '.join(sorted(both))} once more; valid: tracks that row {row.name} lacks")
+        raise RowError(f"{path} has {', '.join(sorted(both))} a second time; valid: tracks that row {row.name} lacks")
     if any(row.content[key] != other.content[key] for key in ("kind", "policies", "policies_sha256")):
         raise RowError(f"{path} is of other policies than row {row.name}; valid: the same ones, or another name")
     return replace(row, added=(*row.added, other))
 
 
 def committed_rows() -> dict[str, Row]:
-    """The committed rows."""
+    """Read the committed rows."""
     folder = _committed_folder(REFERENCE)
     return {} if folder is None else read_rows(folder)
 
 
 def committed_row(name: str = REFERENCE) -> Row | None:
-    """A committed row, the one that scores refer to; None if there is none."""
+    """Read a committed row, by default the reference; None if there is none."""
     folder = _committed_folder(name)
     return None if folder is None else read_rows(folder, name)[name]
 
 
 def committed_references() -> dict[str, Row]:
-    """The committed rows that scores refer to."""
+    """Read the committed reference rows."""
     found = {name: committed_row(name) for name in dict.fromkeys(REFERENCES.values())}
     return {name: row for name, row in found.items() if row is not None}
 
@@ -333,9 +332,9 @@ def _committed_folder(name: str) -> Path | None:
 
 
 def among_committed(own: Mapping[str, Row]) -> tuple[dict[str, Row], list[str]]:
-    """One's own rows among the committed ones, and their names there.
+    """Merge the user's rows with the committed rows; returns all rows, and the new names of the user's rows.
 
-    Scores refer to a committed row whatever one's own are called: one of the name of another is called NAME (own).
+    References are always committed rows: a user's row with the name of a committed row is renamed `NAME (own)`.
     """
     rows, names = committed_rows(), []
     for name, row in own.items():
@@ -347,12 +346,12 @@ def among_committed(own: Mapping[str, Row]) -> tuple[dict[str, Row], list[str]]:
 
 
 def _hashes(row: Row) -> set[str]:
-    """Hashes of its files."""
+    """Return the hashes of a row's files."""
     return {part.content["sha256"] for part in (row, *row.added)}
 
 
 def eval_command(specs: Sequence[str], tracks: Sequence[str], split: str = "test", scenarios: int = SCENARIOS) -> str:
-    """The command with which anybody evaluates a row again: what is not by default, and nothing else."""
+    """Return the command that evaluates a row again, with the options that differ from the defaults."""
     words = ["eval", "--policy", *specs, *(["--tracks", *tracks] if tracks else [])]
     words += [] if split == "test" else ["--split", split]
     words += [] if scenarios == SCENARIOS else ["--scenarios", str(scenarios)]

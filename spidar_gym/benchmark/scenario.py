@@ -1,4 +1,4 @@
-"""Scenarios: what an episode of a track begins with and goes through; drawn once, kept in files, pinned by hash."""
+"""Scenarios of tracks: initial state, goals, floor, disturbances; sampled once, stored in files, pinned by hash."""
 
 import hashlib
 import json
@@ -33,10 +33,10 @@ PINS = "scenarios/SHA256SUMS"
 WRITER = "spidar scenarios"
 """Command that writes the files."""
 OFFSET = 0.33
-"""Scale of a flight's initial offset: ± 1 cm and ± 0.017 rad per axis."""
+"""Scale of the initial offset in flights: ± 1 cm and ± 0.017 rad per axis."""
 
 MOST_BYTES = 2**23
-"""No file of scenarios is larger."""
+"""Largest size of a scenario file [bytes]."""
 FORM = {
     "of": {"track": str, "split": str},
     "scenarios": [
@@ -46,52 +46,52 @@ FORM = {
         }
     ],
 }  # fmt: skip
-"""What stands in a file."""
+"""Form of a scenario file."""
 START = {
     "goals": [[float, float, [float]]], "position": [float], "rotation": [float], "trim": ([float], None),
     "path": ([[float]], None),
 }  # fmt: skip
-"""What stands in the start of a flight."""
+"""Form of a flight's start."""
 COURSE_START = {"gates": [list], "goal": [float], "tiles": [float], "dares": bool}
-"""What stands in that of a course."""
+"""Form of a course's start."""
 HOVER_TICKS = 200
-"""A robot has hovered in its wind for so long before the episode [ticks]."""
+"""Duration of the hover that determines the mean force of the wind [ticks]."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """One episode: initial state, preload, goals with deadlines, floor, weather, robot."""
+    """One episode: initial state, preload, goals with deadlines, floor, disturbances, robot."""
 
     index: int
-    """Which one of its track and split."""
+    """Index in its track and split."""
     seed: int
-    """Seed of the drawn robot, the sensors' noise, the weather, the tiles."""
+    """Seed of the randomised robot, sensor noise, wind and tiles."""
     options: Mapping[str, Any]
-    """Arguments of the environment beside the track's."""
+    """Arguments of the environment in addition to the track's options."""
     start: Mapping[str, Any] | None
-    """A flight's offset, goals with start and deadline, wrench with which the integrals begin, knots of its path; the
-    gates, goal and tiles of a course."""
+    """Of a flight: offset, goals with start and deadline, initial wrench of the integrals, knots of the path. Of a
+    course: gates, goal and tiles."""
     disturbances: Mapping[str, Any]
-    """What happens to the robot."""
+    """Disturbances during the episode."""
     robot: str
-    """Digest of the drawn robot, so that another generator's robot is not taken for it; empty if none is drawn."""
+    """Digest of the randomised robot, which detects a different random generator; empty without randomisation."""
 
 
 def scenario_rng(track: str, split: str, index: int) -> np.random.Generator:
-    """The generator that draws a scenario, from nothing but its name."""
+    """Return the generator that samples a scenario, seeded by track, split and index."""
     entropy = [zlib.crc32(track.encode()), SPLITS.index(split), index]
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(entropy)))
 
 
 def draw_scenario(name: str, split: str, index: int) -> Scenario:
-    """Draw a scenario of a track and split, always the same one."""
+    """Sample a scenario of a track and split; the same arguments always yield the same scenario."""
     find_track(name)
     require_name("split", split, SPLITS)
     return draw_scenario_from(TRACKS[name], scenario_rng(name, split, index), index)
 
 
 def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Scenario:
-    """Draw a scenario of a track from any generator, for flights that are of no split."""
+    """Sample a scenario of a track from any generator, for scenarios outside the splits."""
     seed = int(rng.integers(2**31))
     options = {key: _draw(rng, bounds) for key, bounds in track.ranges.items()}
     disturbances = {key: _draw(rng, bounds) for key, bounds in track.disturbances.items()}
@@ -113,7 +113,7 @@ def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Sc
     scenario = Scenario(index, seed, options, start, disturbances, "")
     if not (track.options.get("randomization") or disturbances):
         return scenario
-    # Robot and wind are drawn by the environment; a flight's preload is what that robot needs at rest in that wind.
+    # The environment samples robot and wind; a flight's preload is the wrench that the robot needs at rest in the wind.
     env = make_env(track, scenario, {})
     env.reset(seed=seed, options=reset_options(scenario))
     if isinstance(env, HoverEnv):
@@ -127,9 +127,9 @@ def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Sc
 
 
 def _mean_air_force(track: Track, scenario: Scenario) -> np.ndarray:
-    """Force of the wind on a robot that hovers in the initial form where its path begins, mean over `HOVER_TICKS` [N].
+    """Return the mean force of the wind on a robot hovering in the initial form at the start of its path [N].
 
-    Axes are the world's, turned by the heading.
+    The mean is over `HOVER_TICKS`; the axes are the world's, rotated by the heading.
     """
     start = scenario.start
     assert start is not None
@@ -144,12 +144,12 @@ def _mean_air_force(track: Track, scenario: Scenario) -> np.ndarray:
 
 
 def _own(kind: type[Any], track: Track) -> dict[str, Any]:
-    """The track's arguments that are those of its task."""
+    """Return the track's options that are fields of its task."""
     return {field.name: track.options[field.name] for field in fields(kind) if field.name in track.options}
 
 
 def _rounded(value: Any) -> Any:  # noqa: ANN401 - numbers, and lists and dictionaries of them
-    """All of its numbers to six digits."""
+    """Round all numbers to six decimal places."""
     if isinstance(value, Mapping):
         return {key: _rounded(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
@@ -162,7 +162,7 @@ def _draw(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
 
 
 def robot_digest(draws: Mapping[str, np.ndarray]) -> str:
-    """Digest of the numbers of a drawn robot, to four digits; empty where none is drawn."""
+    """Return the digest of a randomised robot's parameters to four digits; empty without randomisation."""
     if not draws:
         return ""
     text = " ".join(f"{x:.4g}" for name in sorted(draws) for x in np.ravel(draws[name]))
@@ -170,7 +170,7 @@ def robot_digest(draws: Mapping[str, np.ndarray]) -> str:
 
 
 def make_env(track: Track, scenario: Scenario, arguments: Mapping[str, Any]) -> SpidarEnv:
-    """The environment of a scenario with a policy's arguments, without wrappers."""
+    """Create the environment of a scenario with a policy's arguments, without wrappers."""
     env = gymnasium.make(
         track.env_id, **{**track.options, **scenario.options, **arguments}, horizon_s=track.seconds,
         max_episode_steps=round(track.seconds * CONTROL_RATE), disable_env_checker=True,
@@ -180,7 +180,7 @@ def make_env(track: Track, scenario: Scenario, arguments: Mapping[str, Any]) -> 
 
 
 def reset_options(scenario: Scenario) -> dict[str, Any]:
-    """Options of `reset`."""
+    """Return the options of `reset` for a scenario."""
     options: dict[str, Any] = {"disturbances": dict(scenario.disturbances)}
     if scenario.start is None:
         return options
@@ -188,7 +188,7 @@ def reset_options(scenario: Scenario) -> dict[str, Any]:
 
 
 def scenario_text(name: str, split: str, *, on_scenario: Callable[[], object] = lambda: None) -> str:
-    """The file of a track's scenarios: one line each."""
+    """Return the text of a track's scenario file, one line per scenario."""
     lines = []
     for index in range(SCENARIOS):
         lines.append(json.dumps(asdict(draw_scenario(name, split, index)), ensure_ascii=False))
@@ -198,7 +198,7 @@ def scenario_text(name: str, split: str, *, on_scenario: Callable[[], object] = 
 
 
 def scenario_files(*, on_scenario: Callable[[], object] = lambda: None) -> dict[str, str]:
-    """Every scenario file and their hashes: path relative to assets/ → text."""
+    """Return all scenario files and the file of their hashes: path relative to assets/ → text."""
     files = {}
     for split in SPLITS:
         for name in TRACKS:
@@ -209,7 +209,7 @@ def scenario_files(*, on_scenario: Callable[[], object] = lambda: None) -> dict[
 
 
 def _unless_equal(path: Path, text: str) -> str:
-    """A file's new text, or its present one where the numbers are equal: rounding gives some zeros another sign."""
+    """Return the new text of a file, or the present text if the numbers are equal; signs of zeros may differ."""
     try:
         present = path.read_text(encoding="utf-8")
         return present if json.loads(present) == json.loads(text) else text
@@ -223,17 +223,17 @@ def _sha256(text: str) -> str:
 
 @cache
 def load_scenarios(name: str, split: str = "test") -> tuple[tuple[Scenario, ...], str]:
-    """A track's committed scenarios, and the hash of their file.
+    """Load a track's committed scenarios and the hash of their file.
 
     Raises:
         UnknownNameError: For a track or split that does not exist.
-        StaleAssetError: When the file is missing or is not the one that was pinned.
+        StaleAssetError: When the file is missing, invalid or does not match its pinned hash.
     """
     find_track(name)
     require_name("split", split, SPLITS)
     path, pins = assets_dir() / "scenarios" / split / f"{name}.json", assets_dir() / PINS
     try:
-        data = read_file(path, MOST_BYTES).replace(b"\r\n", b"\n")  # as git checks it out elsewhere
+        data = read_file(path, MOST_BYTES).replace(b"\r\n", b"\n")  # Git may check out CRLF
         digest = hashlib.sha256(data).hexdigest()
         if f"{digest}  {split}/{name}.json\n".encode() not in read_file(pins, MOST_BYTES).replace(b"\r\n", b"\n"):
             raise BorderError("not the pinned one")
@@ -247,13 +247,13 @@ def load_scenarios(name: str, split: str = "test") -> tuple[tuple[Scenario, ...]
 
 
 def _scenario(track: Track, index: int, entry: Mapping[str, Any]) -> Scenario:
-    """The scenario of an entry that has the form, where its numbers are some that the track can have."""
+    """Create the scenario of an entry; raises if its values are outside the track's ranges."""
     start, drawn = entry["start"], ((entry["options"], track.ranges), (entry["disturbances"], track.disturbances))
     fits = entry["index"] == index and 0 <= entry["seed"] < 2**31 and (start is not None) == (track.world != GROUND)
     for values, ranges in drawn:
         none = values is entry["disturbances"] and track.calm > 0.0 and not values
         fits = fits and (none or values.keys() == ranges.keys())
-        # They are kept to six digits.
+        # Values are stored with six decimal places.
         fits = fits and all(low - 1e-6 <= values.get(key, low) <= high + 1e-6 for key, (low, high) in ranges.items())
     if not fits:
         raise BorderError(f"scenario {index} is none of its track")
@@ -268,9 +268,9 @@ def _scenario(track: Track, index: int, entry: Mapping[str, Any]) -> Scenario:
 
 
 def check_drawn(draws: Mapping[str, np.ndarray], scenario: Scenario, place: str) -> None:
-    """Refuse to compare on another robot than the scenario's, as another version of numpy might draw it."""
+    """Refuse a robot that differs from the scenario's, as another version of NumPy might sample it."""
     if robot_digest(draws) != scenario.robot:
         raise SpidarError(
-            f"{place}: the drawn robot is not the scenario's; valid: a numpy whose generators draw as they did, "
-            f"or scenarios of one's own by `spidar scenarios`"
+            f"{place}: the drawn robot is not the scenario's; valid: a NumPy version with the same random numbers, "
+            "or new scenarios by `spidar scenarios`"
         )

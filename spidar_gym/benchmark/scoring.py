@@ -1,4 +1,4 @@
-"""Scenarios from their beginning to their end: what a policy did, in numbers with units."""
+"""Complete runs of scenarios and the metrics of a policy in them."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -24,9 +24,9 @@ from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.tasks.start import FlightStart
 
 ACT_LIMIT_S = 10.0
-"""How long a policy may think about one action [s]."""
+"""Largest time of a policy for one action [s]."""
 CONTROL = "core"
-"""With which rows are made, but for those of an allocator or a law of one's own."""
+"""Implementation of the controller for rows, except rows with a custom allocator or control law."""
 
 
 def play_scenario(
@@ -40,26 +40,27 @@ def play_scenario(
     run: int = 0,
     on_tick: Callable[[dict[str, Any]], object] = lambda _: None,
 ) -> dict[str, Any]:
-    """Play one scenario of a track, whole, in an environment of its own.
+    """Run one complete scenario of a track in a new environment.
 
     Args:
-        policy: Who acts.
+        policy: Policy.
         name: Track.
-        scenario: Which episode.
-        act_limit_s: How long the policy may think about one action [s].
-        control: `core`, with which rows are made, or `python`, which is slower and equal to some 1e-12; with an
-            allocator or a law of the policy's own it is always `python`.
-        track: What `name` is of, where it is none of the benchmark's tracks.
-        run: Number of the run, which the policy gets as its seed: the same in all scenarios, of which it says nothing.
+        scenario: Scenario.
+        act_limit_s: Largest time of the policy for one action [s].
+        control: `core`, which rows use, or `python`, which is slower and equal to about 1e-12. A policy with a custom
+            allocator or law always uses `python`.
+        track: Definition of `name` if it is not a track of the benchmark.
+        run: Number of the run, the policy's seed. It is the same in all scenarios, so that the seed reveals nothing
+            about the scenario.
         on_tick: Called with the `info` of each tick.
 
     Returns:
-        The `METRICS` by name (None where one has no meaning), and `timing`: median and 99th percentile of the policy's
-        answers and of whole steps [s], wall time [s].
+        `metrics`: the `METRICS` by name (None where not defined), and `timing`: median and 99th percentile of the times
+        of the policy's actions and of whole steps [s], wall time [s].
 
     Raises:
-        PolicyError: When the policy raises, answers with what is no action, or takes too long.
-        InvalidValueError: When it is not defined on this track.
+        PolicyError: When the policy raises, returns an invalid action, or exceeds the time limit.
+        InvalidValueError: When the policy is not defined on this track.
     """
     begin = time.perf_counter()
     track = track or find_track(name)
@@ -103,28 +104,28 @@ def play_scenarios(
     track: Track | None = None,
     run: int = 0,
 ) -> list[dict[str, Any]]:
-    """Play scenarios of a track side by side in the engine, with the same bits as one by one.
+    """Run scenarios of a track side by side in the engine, bit for bit as `play_scenario` does one by one.
 
     Args:
-        policy: Who acts, for all of them at once.
+        policy: Policy that acts for all scenarios at once.
         name: Track.
-        scenarios: Which episodes.
-        act_limit_s: How long the policy may think about one action of each [s].
-        control: As in `play_scenario`; what is not of the engine alone is played one by one.
+        scenarios: Scenarios.
+        act_limit_s: Largest time of the policy for one action of one scenario [s].
+        control: As in `play_scenario`; with `python` the scenarios run one by one.
         track: As in `play_scenario`.
         run: As in `play_scenario`.
 
     Returns:
-        For each what `play_scenario` gives, its timing the scenario's share.
+        Result of `play_scenario` for each scenario; times are divided by the number of scenarios.
 
     Raises:
-        PolicyError: When the policy raises, answers with what are no actions, or takes too long.
-        InvalidValueError: When it is not defined on this track.
+        PolicyError: When the policy raises, returns invalid actions, or exceeds the time limit.
+        InvalidValueError: When the policy is not defined on this track.
     """
     begin = time.perf_counter()
     track, count = track or find_track(name), len(scenarios)
     arguments = _arguments(policy, name, track, control)
-    # Where no option is a scenario's own, one environment knows what all of them are.
+    # Without scenario-specific options, the rules of one environment hold for all scenarios.
     own = bool(track.ranges)
     envs = [make_env(track, scenario, arguments) for scenario in (scenarios if own else scenarios[:1])]
     env = envs[0]
@@ -160,12 +161,12 @@ def play_scenarios(
 
 
 def _fly(fleet: Fleet, watch: FleetWatch, actor: Actor, steps: int, rest_steps: int) -> tuple[Tally, list[float]]:
-    """Step robots until everyone's episode is over; what was counted, and how long the steps took."""
+    """Step the robots until all episodes have ended; returns the tally and the times of the steps [s]."""
     count = len(fleet.robots)
     tally, times = Tally(count), list[float]()
     rest, ids = np.full(count, rest_steps), np.arange(count)
     for _ in range(steps):
-        # A copy: what a policy does to its observations changes nothing.
+        # A copy, so that the policy cannot change the fleet's observations.
         fleet.actions[:] = actor.act_batch(fleet.observations.copy())
         begin = time.perf_counter()
         fleet.step(ids)
@@ -180,7 +181,7 @@ def _fly(fleet: Fleet, watch: FleetWatch, actor: Actor, steps: int, rest_steps: 
 
 
 def _arguments(policy: Policy, name: str, track: Track, control: str) -> dict[str, Any]:
-    """Arguments of the environment that are the policy's choice, and who controls."""
+    """Return the policy's arguments of the environment, with the implementation of the controller."""
     arguments = policy_arguments(policy, track.env_id)
     if arguments is None:
         raise InvalidValueError("track", name, "a track on which the policy is defined")
@@ -188,12 +189,12 @@ def _arguments(policy: Policy, name: str, track: Track, control: str) -> dict[st
 
 
 def _steps_of(seconds: float, env: SpidarEnv) -> int:
-    """How many steps of an environment take so long."""
+    """Return the number of environment steps in a duration."""
     return round(seconds * CONTROL_RATE / env.hold)
 
 
 def _progress(fleet: Fleet, robot: int) -> FlightProgress | CrawlProgress | CourseProgress:
-    """How far a robot's episode has come."""
+    """Return the progress of a robot's episode."""
     record = fleet.robots[robot]
     if fleet.kind == "hover":
         return FlightProgress.read(record, fleet.goals[robot])
@@ -201,7 +202,7 @@ def _progress(fleet: Fleet, robot: int) -> FlightProgress | CrawlProgress | Cour
 
 
 def _timing(acts: Sequence[float], steps: Sequence[float], wall: float, share: int) -> dict[str, Any]:
-    """How long it took, of what so many scenarios took together [s]."""
+    """Return a scenario's share of the times of `share` scenarios [s]."""
     return {
         "act_s": (np.percentile(acts, [50, 99]) / share).tolist(),
         "step_s": (np.percentile(steps, [50, 99]) / share).tolist(),

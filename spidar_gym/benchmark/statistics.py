@@ -15,11 +15,11 @@ class Interval:
     """A number and its 95 % bootstrap interval."""
 
     value: float
-    """The statistic of the data themselves."""
+    """Statistic of the data."""
     low: float
     """2.5th percentile of the draws."""
     high: float
-    """97.5th percentile."""
+    """97.5th percentile of the draws."""
 
 
 Numbers = np.ndarray | np.floating
@@ -29,12 +29,12 @@ Strata = Sequence[tuple[np.ndarray, np.ndarray]]
 
 
 def named_generator(*words: str) -> np.random.Generator:
-    """A generator for one interval, seeded by what it is of, so that it does not depend on which others there are."""
+    """Return a generator for one interval, seeded by words, so that the interval does not depend on other intervals."""
     return np.random.Generator(np.random.PCG64([zlib.crc32(word.encode()) for word in words]))
 
 
 def iqm(values: np.ndarray) -> Numbers:
-    """Interquartile mean over the last axis: the mean of the middle half, quarters of values counted in part."""
+    """Compute the interquartile mean over the last axis; values at the quartiles are weighted by fractions."""
     x = np.sort(np.asarray(values, float), axis=-1)
     n = x.shape[-1]
     edges = np.clip(np.array([np.arange(n), np.arange(1, n + 1)]) / n, 0.25, 0.75)
@@ -43,22 +43,22 @@ def iqm(values: np.ndarray) -> Numbers:
 
 
 def ratio_score(base: np.ndarray, own: np.ndarray) -> Numbers:
-    """Score: the base's mean error over one's own on the same scenarios; above 1 is better than the base.
+    """Compute the score: mean error of the base over mean error of the policy; above 1 is better than the base.
 
     Args:
         base: Errors of the base, shape (…, scenarios).
-        own: Errors, shape (…, runs, scenarios).
+        own: Errors of the policy on the same scenarios, shape (…, runs, scenarios).
     """
     return np.mean(base, axis=-1) / np.mean(own, axis=(-1, -2))
 
 
 def paired_difference(base: np.ndarray, own: np.ndarray) -> Numbers:
-    """IQM of the paired differences over the base's IQM: −0.5 is half the error. Shapes as in `ratio_score`."""
+    """Compute the IQM of the paired differences over the base's IQM; −0.5 is half the error. Shapes: `ratio_score`."""
     return iqm(np.mean(own, axis=-2) - base) / iqm(base)
 
 
 def improvement(base: np.ndarray, own: np.ndarray) -> Numbers:
-    """Probability that a run's error on a scenario is below the base's; ties count half. Shapes as in `ratio_score`."""
+    """Compute the probability of an error below the base's; ties count half. Shapes as in `ratio_score`."""
     base = np.asarray(base)[..., None, :]
     return np.mean((own < base) + 0.5 * (own == base), axis=(-1, -2))
 
@@ -66,14 +66,14 @@ def improvement(base: np.ndarray, own: np.ndarray) -> Numbers:
 def stratified_bootstrap(
     strata: Strata, statistic: Callable[[Strata], Numbers], rng: np.random.Generator, *, draws: int = DRAWS
 ) -> Interval:
-    """95 % interval of a statistic of paired errors, drawn within strata.
+    """Compute the 95 % bootstrap interval of a statistic of paired errors, stratified by tracks.
 
     Args:
-        strata: Errors of base and policy, track by track. In every draw each track's scenarios are drawn with
-            replacement, the same for both, and so are the policy's runs.
+        strata: Errors of base and policy, track by track. Every draw samples the scenarios of each track with
+            replacement, the same for base and policy, and the policy's runs with replacement.
         statistic: Strata → number, for all draws at once: their axis comes first.
-        rng: Source of the draws.
-        draws: How many.
+        rng: Random generator; is advanced.
+        draws: Number of draws.
     """
     drawn = []
     for base, own in strata:
@@ -85,38 +85,38 @@ def stratified_bootstrap(
 
 
 def on_one_track(statistic: Callable[[np.ndarray, np.ndarray], Numbers]) -> Callable[[Strata], Numbers]:
-    """A statistic of one track as one of strata."""
+    """Convert a statistic of one track to a statistic of strata."""
     return lambda strata: statistic(*strata[0])
 
 
 def overall_score(strata: Strata) -> Numbers:
-    """Geometric mean of the tracks' scores, so that no track counts more for its unit."""
+    """Compute the geometric mean of the tracks' scores, so that all tracks have equal weight."""
     return np.exp(np.mean([np.log(ratio_score(base, own)) for base, own in strata], axis=0))
 
 
 @dataclass(frozen=True)
 class Change:
-    """A controller against another on the same scenarios."""
+    """Comparison of a controller with a base on the same scenarios."""
 
     before: float
-    """IQM of the other one's errors."""
+    """IQM of the base's errors."""
     after: float
-    """IQM of its own."""
+    """IQM of the controller's errors."""
     relative: float
     """IQM of the paired differences over `before`; −0.5 is half the error."""
     low: float
-    """Lower end of its 95 % bootstrap interval over scenarios and runs."""
+    """Lower end of the 95 % bootstrap interval of `relative` over scenarios and runs."""
     high: float
-    """Upper end."""
+    """Upper end of the interval."""
 
 
 def compare(before: np.ndarray, after: np.ndarray, rng: np.random.Generator) -> Change:
-    """Paired comparison on the same scenarios, with intervals over them and over one's own runs.
+    """Compare two controllers on the same scenarios, with intervals over scenarios and runs.
 
     Args:
-        before: Errors of the other one, shape (scenarios,).
-        after: Errors, shape (runs, scenarios).
-        rng: Source of the draws.
+        before: Errors of the base, shape (scenarios,).
+        after: Errors of the compared controller, shape (runs, scenarios).
+        rng: Random generator; is advanced.
     """
     change = stratified_bootstrap([(before, after)], on_one_track(paired_difference), rng)
     return Change(float(iqm(before)), float(iqm(after.mean(axis=0))), change.value, change.low, change.high)

@@ -1,4 +1,4 @@
-"""What is counted of episodes, step by step, of one robot or of many side by side."""
+"""Accumulation of an episode's metrics step by step, for one robot or many robots side by side."""
 
 import math
 from collections.abc import Sequence
@@ -22,46 +22,46 @@ from spidar_gym.native.structs import fill
 from spidar_gym.robot import ROBOT
 
 INTERFERENCE_TOLERANCE = 0.05
-"""A rotor that turns this far beyond the bound that keeps it off another one breaks the constraint [rad]."""
+"""Angle beyond the bound of a rotor from which the interference constraint counts as violated [rad]."""
 INTERFERENCE_THRUST = 1.0
-"""One with less thrust than this blows on nobody [N]."""
+"""Rotors below this thrust are ignored in the interference count [N]."""
 ALLOCATED_MOST = ROBOT.max_joint_torque + 1e-3
-"""An allocation that asks for more than this of a servo breaks the constraint [Nm]."""
+"""Allocated joint torque above which the torque constraint counts as violated [Nm]."""
 _NO_ANSWER = [code for code, status in enumerate(STATUS) if status not in ANSWERED]
 _REST = PROGRAMS.index("rest")
 
 
 @dataclass(frozen=True)
 class Look:
-    """What is seen of N robots after a step."""
+    """Quantities of N robots after a step."""
 
     diverged: np.ndarray
-    """Whether nothing in it is a number (N,)."""
+    """Whether the simulation diverged, so that the other fields are invalid (N,)."""
     finished: np.ndarray
-    """Whether a crawl or a course has arrived (N,)."""
+    """Whether a crawl or a course is finished (N,)."""
     position: np.ndarray
-    """Position error of a flight, world (N, 3) [m]; zeros on the ground."""
+    """Position error of a flight, world (N, 3) [m]; zeros on the ground and on courses."""
     attitude: np.ndarray
-    """Attitude error of a flight (N, 3), tilt of a crawl or on a course (N, 1) [rad]."""
+    """Attitude error of a flight (N, 3); tilt on the ground and on courses (N, 1) [rad]."""
     joints: np.ndarray
-    """Planned less true joint angles (N, 16) [rad]; zeros on a course."""
+    """Planned minus true joint angles (N, 16) [rad]; zeros on courses."""
     joint_torque: np.ndarray
     """Torque of the servos (N, 16) [Nm]."""
     torque_limit: np.ndarray
-    """What they can give at most (N,) [Nm]."""
+    """Torque limit of the servos (N,) [Nm]."""
     thrust_command: np.ndarray
     """Commanded thrust (N, 8) [N]."""
     unsolved: np.ndarray
-    """Whether the allocation has no answer (N,)."""
+    """Whether the allocation found no solution (N,)."""
     breaks: np.ndarray
-    """Whether a constraint is broken (N,); never on a course."""
+    """Whether a constraint is violated (N,); False on courses."""
 
 
 class FleetWatch:
-    """Looks at robots in the engine."""
+    """Reads the quantities of robots in the engine."""
 
     def __init__(self, fleet: Fleet, failures: Sequence[str]) -> None:
-        """Take them, and why an episode may be over, in the engine's order."""
+        """Store the fleet; `failures`: reasons for the end of an episode, in the order of the engine's codes."""
         self.fleet, self._diverged = fleet, failures.index("diverged")
         self._watches = np.zeros(len(fleet.robots), engine_layouts()["watch"])
         self._watches["tolerance"], self._watches["thrust"] = INTERFERENCE_TOLERANCE, INTERFERENCE_THRUST
@@ -70,7 +70,7 @@ class FleetWatch:
             fill(watch["bounds"], no_interference())
 
     def look(self, ids: np.ndarray) -> Look:
-        """What is seen now of some of them."""
+        """Return the current quantities of the robots `ids`."""
         fleet = self.fleet
         robots, infos = fleet.robots, fleet.infos[ids]
         common, plant = infos["info"], robots["plant"]
@@ -97,10 +97,10 @@ class FleetWatch:
 
 
 class Tally:
-    """Counts N episodes: what one adds up to depends neither on N nor on the others."""
+    """Accumulator for N episodes; the result of each depends neither on N nor on the other episodes."""
 
     def __init__(self, robots: int) -> None:
-        """Begin at nothing."""
+        """Initialise with zeros."""
         self.ticks = np.zeros(robots, int)
         self._numbers = np.zeros(robots, int)
         self._under_way = np.zeros(robots, int)
@@ -109,7 +109,7 @@ class Tally:
         self._violations, self._unsolved = np.zeros(robots, int), np.zeros(robots, int)
 
     def count(self, look: Look, ids: np.ndarray) -> None:
-        """Count a step of some of them, which all those before it were counted of."""
+        """Add a step of the robots `ids`; a robot's steps must be added without gaps."""
         self.ticks[ids] += 1
         good = ~look.diverged
         if not good.all():
@@ -132,7 +132,7 @@ class Tally:
     def metrics(
         self, robot: int, info: dict[str, Any], progress: FlightProgress | CrawlProgress | CourseProgress
     ) -> dict[str, Any]:
-        """The `METRICS` by name (None where one has no meaning) of an episode that is over, from its last `info`."""
+        """Return the `METRICS` of a finished episode by name (None where not defined); `info` is the last one."""
         counted = int(self.ticks[robot])
         if isinstance(progress, FlightProgress):
             world, own = FLIGHT, self._flight(robot, info, progress)
@@ -156,11 +156,11 @@ class Tally:
         }
         every = {**both, **own}
         found = {name: every.get(name) for name in told_in(world)}
-        # What a simulation that diverged leaves behind is no number.
+        # Values of a diverged simulation become None.
         return {k: None if isinstance(v, float) and not v <= METRICS[k].most else v for k, v in found.items()}
 
     def _flight(self, robot: int, info: dict[str, Any], progress: FlightProgress) -> dict[str, Any]:
-        """What only flights have."""
+        """Return the metrics of flights."""
         position, attitude = self._rms(0, robot), self._rms(1, robot)
         late = len(progress.overdue())
         failed = bool(info["failure"]) or late > 0
@@ -174,14 +174,14 @@ class Tally:
         }
 
     def _rms(self, which: int, robot: int) -> float:
-        """Over the episode after its first second; over all of one that is shorter."""
+        """Return the RMS after the first `SETTLE_S`, or over the whole of a shorter episode."""
         squares = [rows[which][robot].item() for rows in self._squares[: self._numbers[robot]]]
         counted = squares[round(SETTLE_S * CONTROL_RATE) :] or squares
         return math.sqrt(sum(counted) / len(counted)) if counted else 0.0
 
 
 def _crawl(info: dict[str, Any], progress: CrawlProgress) -> dict[str, Any]:
-    """What only crawls have."""
+    """Return the metrics of crawls."""
     x, y, yaw = info["goal_error"].tolist()
     failed = bool(info["failure"]) or not info["finished"]
     return {
@@ -198,7 +198,7 @@ def _crawl(info: dict[str, Any], progress: CrawlProgress) -> dict[str, Any]:
 
 
 def _course(info: dict[str, Any], progress: CourseProgress) -> dict[str, Any]:
-    """What only courses have."""
+    """Return the metrics of courses."""
     x, y, yaw = info["goal_error"].tolist()
     seconds, way, hit = float(info["time_s"]), progress.initial_distance, float(info["most_hit_n"])
     failed = bool(info["failure"]) or not info["finished"]
@@ -216,5 +216,5 @@ def _course(info: dict[str, Any], progress: CourseProgress) -> dict[str, Any]:
 
 
 def _sum(rows: np.ndarray) -> np.ndarray:
-    """Sum of each row, one entry after the other: the same bits however many rows there are."""
+    """Sum each row entry by entry, so that the result is bit-identical for any number of rows."""
     return reduce(np.add, np.moveaxis(rows, -1, 0))

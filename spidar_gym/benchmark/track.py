@@ -1,4 +1,4 @@
-"""Tracks: on which tasks policies are compared, one page of numbers; and each scenario's error."""
+"""Tracks of the benchmark: task, duration and ranges of each, and the error of a scenario."""
 
 import math
 from collections.abc import Mapping
@@ -10,36 +10,36 @@ from spidar_gym.errors import require_name
 
 ValueT = TypeVar("ValueT")
 CAP = 5.0
-"""Error of a failed scenario, and the largest one of any other."""
+"""Error of a failed scenario, and largest error of any scenario."""
 SCENARIOS = 50
-"""Scenarios a track and split."""
+"""Number of scenarios per track and split."""
 SPLITS = ("test", "validation")
-"""Rows are on `test`; `validation` is for choosing among one's own policies."""
+"""Splits: rows use `test`; `validation` is for the selection among the user's policies."""
 SETTLE_S = 1.0
-"""RMS errors of a flight count from here on [s]."""
+"""Time of a flight from which RMS errors are computed [s]."""
 REST_S = 1.0
-"""A crawl or a course is watched for so long after it is finished [s]."""
+"""Time for which a crawl or a course continues after it is finished [s]."""
 POSITION_SCALE, ATTITUDE_SCALE = 0.05, 0.05
 """A flight with these RMS errors [m], [rad] has error 1: the limits of `is_success`."""
 REST_SCALE, ENERGY_SCALE = 0.02, 20.0
-"""A crawl that ends this far from the goal [m, a radian counts 0.5 m] and takes this much energy [Wh/m] has error 1."""
+"""A crawl with this final error [m, a radian counts 0.5 m] and this energy per metre [Wh/m] has error 1."""
 TIME_SCALE, WAY_SCALE, MISS_SCALE, HIT_SCALE = 10.0, 5.0, 0.03, 20.0
-"""A course that takes this much time [s/m] and energy [Wh/m] for the way from start to goal, ends this far from the
-goal [m, a radian counts 0.5 m] and hits something with this force [N] has error 1."""
+"""A course with this time [s/m] and energy [Wh/m] per metre from start to goal, this final error [m, a radian counts
+0.5 m] and this largest contact force [N] has error 1."""
 FLIGHT, GROUND, BOTH = "flight", "ground", "course"
-"""Where a track is: in the air, on the floor, or both."""
+"""World of a track: in the air, on the floor, or both."""
 GROUPED = {HOVER: "flight", CRAWL: "ground", PATH: "path", COURSE: "course"}
-"""Environment → group of its tracks. The scores of `flight` and of `ground` are summed up, each in one."""
+"""Environment → group of its tracks. `flight` and `ground` have an overall score each."""
 REFERENCES = {"flight": "qp", "ground": "qp", "path": "qp", "course": "course_rule", "steps": "qp"}
-"""Group → the row that scores refer to."""
+"""Group → reference row of its scores."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """One kind of task, on which every policy meets the same scenarios."""
+    """One kind of task, with the same scenarios for every policy."""
 
     doc: str
-    """What it asks, in one line."""
+    """Description of the task in one line."""
     env_id: str
     """Environment."""
     seconds: float
@@ -47,37 +47,37 @@ class Track:
     options: Mapping[str, Any] = field(default_factory=dict)
     """Arguments of the environment, the same in all scenarios."""
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Arguments of the environment that are drawn evenly for each scenario."""
+    """Arguments of the environment that are sampled uniformly for each scenario: lower and upper bound."""
     disturbances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Disturbances that are drawn evenly for each scenario."""
+    """Disturbances that are sampled uniformly for each scenario: lower and upper bound."""
     calm: float = 0.0
-    """Share of the scenarios that have none of them."""
+    """Share of the scenarios without disturbances."""
     apart: str = ""
-    """Group of its own; that of its environment if empty."""
+    """Name of a separate group; the group of the environment if empty."""
 
     @property
     def world(self) -> str:
-        """One of FLIGHT, GROUND and BOTH."""
+        """World of the track: FLIGHT, GROUND or BOTH."""
         return {CRAWL: GROUND, COURSE: BOTH}.get(self.env_id, FLIGHT)
 
     @property
     def flies(self) -> bool:
-        """Whether it is a flight."""
+        """Whether the track is a flight."""
         return self.world == FLIGHT
 
     @property
     def group(self) -> str:
-        """Tracks that belong together: `flight`, `ground`, `path`, `course`, or `steps`."""
+        """Group of the track: `flight`, `ground`, `path`, `course` or `steps`."""
         return self.apart or GROUPED[self.env_id]
 
     @property
     def reference(self) -> str:
-        """The row that its scores refer to."""
+        """Reference row of the scores."""
         return REFERENCES[self.group]
 
     @property
     def formula(self) -> str:
-        """Error of a scenario, in words."""
+        """Error of a scenario, as text."""
         if self.world == BOTH:
             return (
                 f"¼ (time per metre / {TIME_SCALE:g} s/m + energy per metre / {WAY_SCALE:g} Wh/m + final error / "
@@ -106,7 +106,7 @@ TRACKS: dict[str, Track] = {
         "independent legs five times as fast", HOVER, 12.0, {"forms": "independent", "joint_speed": 1.0}
     ),
     "flight-randomised": Track(
-        "independent legs three times as fast; robots drawn at strength 1, real sensors", HOVER, 12.0,
+        "independent legs three times as fast; robots randomised at strength 1, real sensors", HOVER, 12.0,
         {"forms": "independent", "joint_speed": 0.6, "sensors": True, "randomization": 1.0},
     ),
     "flight-wind": Track(
@@ -119,7 +119,8 @@ TRACKS: dict[str, Track] = {
         {"forms": "narrow", "joint_speed": 0.2},
     ),
     "ground-paper": Track(
-        "the paper's 0.6 m straight ahead; robots drawn at strength 0.3, real sensors", CRAWL, 75.0, {**_REAL, **_AHEAD}
+        "the paper's 0.6 m straight ahead; robots randomised at strength 0.3, real sensors", CRAWL, 75.0,
+        {**_REAL, **_AHEAD},
     ),
     "ground-directions": Track(
         "0.2 … 0.6 m in any direction, turning by up to ± 0.5 rad; robots as before", CRAWL, 75.0, _REAL, _ANYWHERE
@@ -134,11 +135,11 @@ TRACKS: dict[str, Track] = {
         {**_REAL, "distance": 0.4, "direction": 0.0, "turn": 0.0}, {"steps": (0.005, 0.020)},
     ),
     "ground-randomised": Track(
-        "0.2 … 0.6 m in any direction; robots drawn at strength 1, real sensors", CRAWL, 75.0,
+        "0.2 … 0.6 m in any direction; robots randomised at strength 1, real sensors", CRAWL, 75.0,
         {"sensors": True, "randomization": 1.0}, _ANYWHERE,
     ),
     "flight-path": Track(
-        "paths at 0.3 … 1.5 m/s, independent legs; robots drawn at strength 0.3, real sensors, half in wind",
+        "paths at 0.3 … 1.5 m/s, independent legs; robots randomised at strength 0.3, real sensors, half in wind",
         PATH, 20.0, {**_REAL, "forms": "independent", "joint_speed": 0.2},
         disturbances={"wind": (1.0, 3.0)}, calm=0.5,
     ),
@@ -148,68 +149,72 @@ TRACKS: dict[str, Track] = {
         {"steps": (0.03, 0.1)}, apart="steps",
     ),
     "course-takeoff": Track(
-        "take off, over a wall, land, crawl to the mark; robots drawn at strength 1, real sensors, wind of 1 … 2 m/s",
+        "take off, over a wall, land, crawl to the mark; robots randomised at strength 1, real sensors, wind of "
+        "1 … 2 m/s",
         COURSE, 300.0,
         {"sensors": True, "randomization": 1.0, "gates": ("wall",), "floors": ("plain",), "count": (1, 1)},
         disturbances={"wind": (1.0, 2.0)},
     ),
     "course-gates": Track(
-        "over walls and, in a narrow form, through slots; robots drawn at strength 0.3, real sensors", COURSE, 300.0,
-        {**_REAL, "gates": ("wall", "slot"), "floors": ("plain",), "count": (2, 3)},
+        "over walls and, in a narrow form, through slots; robots randomised at strength 0.3, real sensors", COURSE,
+        300.0, {**_REAL, "gates": ("wall", "slot"), "floors": ("plain",), "count": (2, 3)},
     ),
     "course-mixed": Track(
-        "walls, beams, slots, the goal on a plain floor, platform, tiles or slope; robots drawn at strength 1, real "
-        "sensors", COURSE, 300.0, {"sensors": True, "randomization": 1.0},
+        "walls, beams, slots, the goal on a plain floor, platform, tiles or slope; robots randomised at strength 1, "
+        "real sensors", COURSE, 300.0, {"sensors": True, "randomization": 1.0},
     ),
 }  # fmt: skip
 """Every track by id."""
 
 
 def find_track(name: str) -> Track:
-    """Track by id (`UnknownNameError` lists the valid ones)."""
+    """Return a track by id (`UnknownNameError` lists the valid ids)."""
     require_name("track", name, TRACKS)
     return TRACKS[name]
 
 
 def by_group(of_worlds: Mapping[str, ValueT]) -> dict[str, ValueT]:
-    """Something of each group of tracks, from that of its world: a group of its own needs no entry elsewhere."""
+    """Map each group of tracks to the entry of its world, so that separate groups need no entries."""
     return {
         group: next(of_worlds[track.world] for track in TRACKS.values() if track.group == group) for group in REFERENCES
     }
 
 
 def flight_error(position_rms: float, attitude_rms: float, *, failed: bool) -> float:
-    """Error of a flight: ½ (position RMS / 0.05 m + attitude RMS / 0.05 rad), `CAP` at most and for a failed one.
+    """Compute the error of a flight: ½ (position RMS / 0.05 m + attitude RMS / 0.05 rad), at most `CAP`.
 
     Args:
         position_rms: RMS of ‖position error‖ [m].
         attitude_rms: RMS of ‖attitude error‖ [rad].
-        failed: Whether it ended early, or a form was not reached within 0.5 s after its deadline.
+        failed: Whether it ended early or a form was not reached within 0.5 s after its deadline; the error is `CAP`.
     """
     error = 0.5 * (position_rms / POSITION_SCALE + attitude_rms / ATTITUDE_SCALE)
     return CAP if failed else min(CAP, error)
 
 
 def ground_error(rest: float, energy_per_m: float, *, failed: bool) -> float:
-    """Error of a crawl: ½ (final error / 0.02 m + energy per metre / 20 Wh/m), `CAP` at most and for a failed one.
+    """Compute the error of a crawl: ½ (final error / 0.02 m + energy per metre / 20 Wh/m), at most `CAP`.
 
     Args:
         rest: Distance from the goal in the end, a radian counting 0.5 m [m].
-        energy_per_m: Energy over the way from start to goal, a radian counting 0.5 m [Wh/m].
-        failed: Whether it ended early or was not finished in time.
+        energy_per_m: Energy over the distance from start to goal, a radian counting 0.5 m [Wh/m].
+        failed: Whether it ended early or was not finished in time; the error is `CAP`.
     """
     return CAP if failed else min(CAP, 0.5 * (rest / REST_SCALE + energy_per_m / ENERGY_SCALE))
 
 
 def course_error(seconds_per_m: float, energy_per_m: float, rest: float, hit: float, *, failed: bool) -> float:
-    """Error of a course: ¼ (time / 10 s/m + energy / 5 Wh/m + final error / 0.03 m + contact / 20 N), `CAP` at most.
+    """Compute the error of a course: ¼ (time / 10 s/m + energy / 5 Wh/m + final error / 0.03 m + contact / 20 N).
 
     Args:
-        seconds_per_m: Time over the way from start to goal, a radian counting 0.5 m [s/m].
-        energy_per_m: Energy over that way [Wh/m].
+        seconds_per_m: Time over the distance from start to goal, a radian counting 0.5 m [s/m].
+        energy_per_m: Energy over this distance [Wh/m].
         rest: Distance from the goal in the end, a radian counting 0.5 m [m].
-        hit: Largest force on anything but feet and pegs [N].
-        failed: Whether it ended early or did not lie at the goal in time: it costs the cap.
+        hit: Largest contact force on any part other than feet and pegs [N].
+        failed: Whether it ended early or did not lie at the goal in time.
+
+    Returns:
+        The error, at most `CAP`, and `CAP` for a failed course.
     """
     error = 0.25 * (seconds_per_m / TIME_SCALE + energy_per_m / WAY_SCALE + rest / MISS_SCALE + hit / HIT_SCALE)
     return CAP if failed else min(CAP, error)

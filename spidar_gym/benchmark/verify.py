@@ -1,4 +1,4 @@
-"""Rows played again: what a stranger does who wants to trust them."""
+"""Verification of rows: re-run their scenarios and compare the metrics."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,57 +20,57 @@ from spidar_gym.policies.source import is_own, source_file
 
 
 class Pick(NamedTuple):
-    """A scenario of a row that is to be played again."""
+    """Scenario of a row to be re-run."""
 
     row: str
     """Name of the row."""
     track: str
     """Track."""
     run: int
-    """Which of the row's policies."""
+    """Index of the row's policy."""
     k: int
-    """Place of the scenario among those that the row was evaluated on."""
+    """Position of the scenario in the row's list of scenarios."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """A scenario of a row, played again."""
+    """Result of a re-run scenario of a row."""
 
     row: str
     """Name of the row."""
     line: str
-    """What came out, in words."""
+    """Result, as text."""
     conditions: str
-    """Processor, versions, control with which the row was made where they are others, in words; else empty."""
+    """Processor, versions and controller of the row that differ here, as text; empty if none differs."""
     moved: Mapping[str, float]
-    """Metrics that are not equal: by how much, as a share of what rounding may do."""
+    """Differences of the unequal metrics, as a share of their tolerance."""
     metrics: Mapping[str, Any] = field(default_factory=dict)
-    """What came out, exactly."""
+    """Metrics of the re-run."""
     fell: bool = False
-    """Whether the scenario failed then and fails now for the same reason, at the same error: the cap. How a robot falls
-    is chaotic, so under other conditions no other metric of it is held to a tolerance."""
+    """Whether both runs failed for the same reason, with the error `CAP`. Falls are chaotic; under other conditions the
+    other metrics of such a scenario are therefore not compared."""
 
     @property
     def equal(self) -> bool:
-        """Every metric bit for bit."""
+        """Whether all metrics are equal bit for bit."""
         return not self.moved
 
     @property
     def passes(self) -> bool:
-        """Equal, or where something is otherwise every metric within its tolerance, but for how a robot falls."""
+        """Whether the metrics are equal or, under other conditions, within tolerance or of the same failure."""
         return self.equal or (bool(self.conditions) and (self.fell or max(self.moved.values()) <= 1.0))
 
 
 def require_own_policies(row: Row, *, trust: bool) -> None:
-    """Refuse a row whose policies may not run here, or are not the files that were evaluated; nothing is imported.
+    """Refuse a row whose policies may not run or whose files have changed; nothing is imported.
 
     Args:
-        row: The row, whose names of policies are whatever its file says.
+        row: Row; its policy specifications are untrusted.
         trust: Whether code from outside the package and the committed baselines may run.
 
     Raises:
         RowError: For a policy that may not run, or whose file has changed.
-        PolicyError: When there is none of that name.
+        PolicyError: When a policy does not exist.
     """
     for spec, digest in zip(row.policies, row.content["policies_sha256"], strict=True):
         if not (trust or is_own(spec)):
@@ -83,14 +83,14 @@ def require_own_policies(row: Row, *, trust: bool) -> None:
 
 
 def shard_of(row: Row, track: str, run: int, k: int, control: str = CONTROL, *, trust: bool = False) -> Shard:
-    """What has to be played again for a run of a row on the k-th of its scenarios of a track."""
+    """Return the shard that re-runs a row's run on the k-th of its scenarios of a track."""
     split = row.split(track)
     scenario = load_scenarios(track, split)[0][row.scenarios(track)[k]]
     return Shard(row.policies[run], track, split, scenario, control=control, run=run, trust=trust)
 
 
 def other_conditions(row: Row, control: str = CONTROL) -> str:
-    """With what a row's file was made that is different here, in words; empty where its numbers have to be equal."""
+    """Return the conditions of a row's evaluation that differ here; empty if the metrics must be equal."""
     present = versions()
     words = [
         f"{package} {number or 'none'}"
@@ -103,7 +103,7 @@ def other_conditions(row: Row, control: str = CONTROL) -> str:
 
 
 def every_scenario(rows: Mapping[str, Row], tracks: Sequence[str] = ()) -> list[Pick]:
-    """Every scenario of rows once: all that were played, or those of some tracks."""
+    """Return every evaluated scenario of rows, or of some tracks, once."""
     return [
         Pick(name, track, run, k)
         for name, row in rows.items()
@@ -115,7 +115,7 @@ def every_scenario(rows: Mapping[str, Row], tracks: Sequence[str] = ()) -> list[
 
 
 def drawn_per_run(picks: Sequence[Pick], count: int, rng: np.random.Generator) -> list[Pick]:
-    """So many scenarios of each row, track and run, drawn without replacement; all of them where there are fewer."""
+    """Sample `count` scenarios, or all if there are fewer, of each row, track and run, without replacement."""
     chosen = []
     for _, group in groupby(picks, key=lambda pick: pick[:3]):
         own = list(group)
@@ -124,7 +124,7 @@ def drawn_per_run(picks: Sequence[Pick], count: int, rng: np.random.Generator) -
 
 
 def drawn_sample(picks: Sequence[Pick], count: int, rng: np.random.Generator) -> list[Pick]:
-    """So many scenarios without replacement: a row evenly, then one of its tracks, then one of its scenarios."""
+    """Sample `count` scenarios without replacement: uniformly a row, then one of its tracks, then a scenario."""
     left: dict[str, dict[str, list[Pick]]] = {}
     for pick in picks:
         left.setdefault(pick.row, {}).setdefault(pick.track, []).append(pick)
@@ -151,19 +151,19 @@ def verify(
     folder: Path | None = None,
     on_check: Callable[[Check], object] = lambda _: None,
 ) -> list[Check]:
-    """Play scenarios of rows again and compare.
+    """Re-run scenarios of rows and compare the metrics.
 
     Args:
-        rows: The rows.
-        picks: Which scenarios.
-        workers: Processes.
+        rows: Rows by name.
+        picks: Scenarios.
+        workers: Number of processes.
         trust: Whether code from outside the package and the committed baselines may run.
-        control: `core`, with which rows are made, or `python`, whose rounding is another one.
-        folder: Where finished scenarios are kept, so that an interrupted check goes on where it was.
-        on_check: Called with what came out of each scenario, as soon as it has.
+        control: `core`, which rows use, or `python`, whose rounding differs.
+        folder: Folder for finished scenarios, from which an interrupted verification resumes.
+        on_check: Called with the result of each scenario as soon as it is available.
 
     Raises:
-        RowError: When a policy's file is no longer the one that was evaluated, or may not run.
+        RowError: When a policy's file has changed since its evaluation, or may not run.
     """
     for name in dict.fromkeys(pick.row for pick in picks):
         require_own_policies(rows[name], trust=trust)
@@ -200,7 +200,7 @@ def _compare(row: Row, pick: Pick, metrics: dict[str, Any], conditions: str) -> 
 
 
 def measures(checks: Sequence[Check]) -> list[str]:
-    """For each row by which measure it was held, in words."""
+    """Return the criterion of comparison for each row, as text."""
     lines = []
     for name, conditions in dict.fromkeys((check.row, check.conditions) for check in checks):
         own = [check for check in checks if (check.row, check.conditions) == (name, conditions)]
@@ -211,7 +211,7 @@ def measures(checks: Sequence[Check]) -> list[str]:
 
 
 def largest_differences(checks: Sequence[Check]) -> str:
-    """How far every metric that is not equal everywhere has moved at most, falls left out, in words."""
+    """Return the largest difference of each unequal metric, without equal failures, as text."""
     moved: dict[str, float] = {}
     for check in (each for each in checks if not each.fell):
         moved |= {name: max(share, moved.get(name, 0.0)) for name, share in check.moved.items()}
@@ -219,17 +219,17 @@ def largest_differences(checks: Sequence[Check]) -> str:
 
 
 def require_verified(checks: Sequence[Check]) -> None:
-    """Raise `RowError` unless every scenario gave what its row says."""
+    """Raise `RowError` unless every scenario passes."""
     wrong = [check.line for check in checks if not check.passes]
     if wrong:
         raise RowError(
-            f"{len(wrong)} of {len(checks)} scenarios give something else ({wrong[0]}); "
+            f"{len(wrong)} of {len(checks)} scenarios give other results ({wrong[0]}); "
             "valid: rows that `spidar eval` wrote with this code"
         )
 
 
 def results(rows: Mapping[str, Row], picks: Sequence[Pick], checks: Sequence[Check]) -> list[dict[str, Any]]:
-    """What came out, ready for JSON, which keeps every bit of a number: two commits on one machine can be compared."""
+    """Return the results for JSON, which keeps every bit of a number, so that two commits can be compared."""
     return [
         {"row": pick.row, "track": pick.track, "run": pick.run,
          "scenario": rows[pick.row].scenarios(pick.track)[pick.k], "equal": check.equal, "metrics": check.metrics}

@@ -94,8 +94,8 @@ def test_a_candidate_that_adds_to_nothing_is_played_alone(rows):
         ({"against": "qp"}, InvalidValueError, "expected a candidate that is compared with it, --policy FILE"),
         ({"policies": [TUNED], "against": "rl"}, UnknownNameError, "unknown row or preset 'rl'; valid: qp, "),
         ({"policies": [QP, TUNED]}, InvalidValueError, "runs of one policy"),
-        ({"policies": [TUNED], "names": ["qp_tuned"]}, InvalidValueError, "a candidate that has a name of its own"),
-        ({"policies": [SEED], "against": "supervised_tuned"}, InvalidValueError, "a name of its own"),
+        ({"policies": [TUNED], "names": ["qp_tuned"]}, InvalidValueError, "with another name than the rows"),
+        ({"policies": [SEED], "against": "supervised_tuned"}, InvalidValueError, "with another name than the rows"),
         ({"policies": ["baselines.qp:Nobody"]}, PolicyError, "Nobody"),
     ],
 )

@@ -454,7 +454,7 @@ def test_a_row_has_its_later_tracks_from_the_folder_of_their_group(row, tmp_path
 def test_files_of_one_name_that_do_not_go_together_are_refused(row, tmp_path):
     write_row(row, tmp_path)
     path = write_row(made_row({TRACK: [[0.5], [0.5]]}, "sham", "residual"), tmp_path / "path")
-    with pytest.raises(RowError, match=rf"{path} has {TRACK} once more"):
+    with pytest.raises(RowError, match=rf"{path} has {TRACK} a second time"):
         read_rows(tmp_path)
     for runs, kind in (([[0.5]], "residual"), ([[0.5], [0.5]], "classical")):
         write_row(made_row({"flight-path": runs}, "sham", kind), tmp_path / "path")

@@ -1,4 +1,4 @@
-"""Pins `spidar eval` and `spidar leaderboard`: rows written whole or not at all, one line for every refusal."""
+"""Pins `spidar eval` and `spidar leaderboard`: rows written completely or not at all, one line for every refusal."""
 
 import importlib.util
 import json
@@ -72,7 +72,7 @@ class Magic(Push):
 
 
 def settle(folder: Path, monkeypatch) -> None:
-    """Work in a folder with a module of policies; flights take half a second, the others a tenth of one."""
+    """Work in a folder with a module of policies; flights take 0.5 s, crawls and courses 0.1 s."""
     folder.mkdir()
     (folder / "mine.py").write_text(MODULE, encoding="utf-8")
     monkeypatch.chdir(folder)
@@ -85,7 +85,7 @@ def settle(folder: Path, monkeypatch) -> None:
 
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch) -> Path:
-    """The working folder."""
+    """Return the working folder."""
     settle(tmp_path / "here", monkeypatch)
     yield tmp_path / "here"
     sys.modules.pop("mine", None)
@@ -93,25 +93,25 @@ def here(tmp_path, monkeypatch) -> Path:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> Path:
-    """A working folder in which the reference and another policy have been evaluated."""
+    """Return a working folder in which the reference and another policy have been evaluated."""
     folder = tmp_path_factory.mktemp("made") / "here"
     with pytest.MonkeyPatch.context() as monkeypatch:
         settle(folder, monkeypatch)
         evaluate()
         evaluate(policy="mine:Push")
-        assert "mine" not in sys.modules  # its code ran in a process of its own
+        assert "mine" not in sys.modules  # its code ran in a separate process
     return folder
 
 
 def evaluate(*more, policy=QP, out="rows", scenarios=2) -> None:
-    """`spidar eval` of a policy on two scenarios of one track, in this process."""
+    """Run `spidar eval` for a policy on two scenarios of one track, in this process."""
     main(["eval", "--policy", policy, "--tracks", TRACK, "--scenarios", str(scenarios), "--workers", "1",
           "--out", out, *more])  # fmt: skip
 
 
 @pytest.fixture
 def rows(made, here, capfd) -> Path:
-    """A folder with the reference's row and another one; their finished scenarios are kept."""
+    """Return a folder with two rows, the reference's and another; their finished scenarios are kept."""
     for name in ("rows", "out"):
         shutil.copytree(made / name, here / name)
     capfd.readouterr()
@@ -123,13 +123,13 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def refused(capfd, call, *arguments, code=2) -> str:
-    """The line on stderr with which a command is refused, below its progress bars."""
+    """Return the line on stderr with which a command is refused, below its progress bars."""
     with pytest.raises(SystemExit) as stop:
         call(*arguments)
     out, err = capfd.readouterr()
     assert stop.value.code == code
     assert "written" not in out
-    bars = ("scenario/s", "s/scenario")  # by speed
+    bars = ("scenario/s", "s/scenario")  # tqdm's unit depends on the speed
     lines = [line for line in err.splitlines() if not any(bar in line for bar in bars) and line.strip()]
     assert len(lines) == 1
     assert lines[0].startswith("spidar: ")
@@ -164,7 +164,7 @@ def test_the_command_in_a_row_gives_the_row_again(rows, here, capfd):
     assert read_row(here / "again" / "push.json").content["sha256"] == row.content["sha256"]
 
 
-def test_where_the_policys_scenarios_are_kept_it_is_played_only_once(rows, here, monkeypatch, capfd):
+def test_a_policy_whose_scenarios_are_kept_is_evaluated_only_once(rows, here, monkeypatch, capfd):
     before = read_row(rows / "push.json").content
 
     def never(shards):
@@ -175,7 +175,7 @@ def test_where_the_policys_scenarios_are_kept_it_is_played_only_once(rows, here,
     assert read_row(here / "again" / "push.json").content["sha256"] == before["sha256"]
 
 
-def test_without_tracks_every_one_on_which_the_policy_is_defined_is_played(here, capfd):
+def test_without_tracks_the_policy_is_evaluated_on_every_one_on_which_it_is_defined(here, capfd):
     main(["eval", "--policy", "mine:Push", "--scenarios", "1", "--workers", "1"])
     row = read_row(here / "out" / "scores" / "push.json")
     assert row.tracks == [name for name, track in TRACKS.items() if track.env_id == HOVER]
@@ -197,7 +197,7 @@ def test_several_policies_are_the_runs_of_one_row(here, capfd):
 
 
 def test_all_baselines_get_a_row_each_where_they_are_defined(here, capfd, monkeypatch):
-    monkeypatch.setattr(scoring, "_steps_of", lambda seconds, env: 60)  # the readable ones take their time
+    monkeypatch.setattr(scoring, "_steps_of", lambda seconds, env: 60)  # the Python controllers are slow
     main(["eval", "--baselines", "--tracks", "flight-fast3", "--scenarios", "1", "--workers", "1"])
     out = capfd.readouterr().out
     names = {path.stem for path in (here / "out" / "scores").glob("*.json")}
@@ -209,7 +209,7 @@ def test_all_baselines_get_a_row_each_where_they_are_defined(here, capfd, monkey
     assert all(f"\n{name}: " in "\n" + out for name in names)
 
 
-def test_baselines_without_what_one_of_them_plans_with_are_refused_before_any_is_played(here, capfd, monkeypatch):
+def test_baselines_without_the_library_of_one_of_them_are_refused_before_any_is_evaluated(here, capfd, monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "cma" else find(name, *rest))
     assert "pip install 'spidar-gym[tune]'" in refused(capfd, main, ["eval", "--baselines"])
@@ -255,7 +255,7 @@ def test_other_rows_stay_as_they_are(rows, here, capfd):
         (["--policy", QP, "--workers", "0"], "at least 1"),
         *((["--policy", QP, "--act-limit", s], "above 0 [s]") for s in ("0", "-1", "nan")),
         (["--policy", "mine"], "module:Class"),
-        (["--policy", "mine:Nobody"], "module:Class"),
+        (["--policy", "mine:Missing"], "module:Class"),
         (["--policy", "nothing.npz"], "nothing.npz"),
         (["--policy", "mine:Push", "--tracks", "ground-paper"], "spidar_gym/Hover-v0"),
         (["--policy", "mine:Magic", "--tracks", TRACK], "classical or learned or residual"),
@@ -263,7 +263,7 @@ def test_other_rows_stay_as_they_are(rows, here, capfd):
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )  # fmt: skip
-def test_bad_input_is_refused_in_one_line_and_nothing_is_played_or_written(arguments, valid, capfd, here, monkeypatch):
+def test_bad_input_is_refused_in_one_line_and_nothing_is_run_or_written(arguments, valid, capfd, here, monkeypatch):
     before = files(here)
 
     def never(shards):
@@ -289,7 +289,7 @@ def test_a_policy_that_fails_is_one_line_and_has_no_row(policy, words, here, cap
     assert files(here) == before
 
 
-def test_what_a_policy_raised_is_put_on_one_line(here, capfd):
+def test_an_error_of_a_policy_is_printed_on_one_line(here, capfd):
     assert "first line" in refused(capfd, lambda: evaluate(policy="mine:Fails"))
 
 
@@ -306,7 +306,7 @@ def test_ctrl_c_leaves_what_is_finished_and_no_half_of_anything(rows, here, capf
     with pytest.raises(SystemExit) as stop:
         evaluate("--cache", "kept", policy="mine:Push", scenarios=3)
     assert stop.value.code == 130
-    assert "spidar: interrupted; 1 of 3 scenarios kept in kept; the same command goes on\n" in capfd.readouterr().err
+    assert "spidar: interrupted; 1 of 3 scenarios kept in kept; the same command resumes\n" in capfd.readouterr().err
     assert files(rows) == before
     assert len(files(here / "kept")) == 1
     assert all(name.endswith(".json") and ".part" not in name for name in files(here / "kept"))
@@ -333,8 +333,8 @@ def test_the_leaderboard_is_shown_as_text_and_as_json(rows, here, capfd):
     assert board["overall"] == []
 
 
-def test_ones_own_rows_are_shown_among_the_committed_ones_and_it_is_said_whose_they_are(rows, here, capfd):
-    """Their folder needs no reference of its own, and one of its name does not become it."""
+def test_the_users_rows_are_shown_among_the_committed_ones_and_marked(rows, here, capfd):
+    """The user's folder needs no row of the reference, and a row with the reference's name does not replace it."""
     committed = shutil.copytree(rows, here / "baselines" / "scores")
     (committed / "push.json").unlink()
     (rows / "qp.json").unlink()
@@ -354,7 +354,7 @@ def test_ones_own_rows_are_shown_among_the_committed_ones_and_it_is_said_whose_t
     assert "the committed ones" not in capfd.readouterr().out
 
 
-def test_the_leaderboard_shows_the_tracks_it_is_asked_for(rows, here, capfd):
+def test_the_leaderboard_shows_the_chosen_tracks(rows, here, capfd):
     rows = shutil.copytree(rows, here / "baselines" / "scores")
     main(["leaderboard", "show", "--rows", str(rows), "--tracks", "flight-paper"])
     assert TRACK not in capfd.readouterr().out
@@ -377,7 +377,7 @@ def test_the_leaderboard_is_built_as_a_page_with_its_picture_and_the_same_twice(
     assert b"## flight-paper" not in pages[0]
 
 
-def test_without_matplotlib_the_page_is_written_and_it_is_said_what_brings_the_picture(rows, here, capfd, monkeypatch):
+def test_without_matplotlib_the_page_is_written_and_the_missing_extra_is_named(rows, here, capfd, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     main(["leaderboard", "build", "--rows", str(rows), "--out", "board"])
     out, err = capfd.readouterr()
@@ -399,7 +399,7 @@ def test_a_leaderboard_without_the_reference_is_refused(rows, capfd):
     assert "qp.json" in refused(capfd, main, ["leaderboard", "build", "--rows", str(rows)])
 
 
-def test_rows_that_are_what_they_say_are_verified_bit_for_bit(rows, capfd):
+def test_correct_rows_are_verified_bit_for_bit(rows, capfd):
     main(["leaderboard", "verify", "--rows", str(rows), "--sample", "3", "--workers", "1", "--trust"])
     *lines, summary = capfd.readouterr().out.splitlines()
     assert all(line.endswith("equal") for line in lines[:3])
@@ -421,7 +421,7 @@ def test_a_row_edited_by_hand_is_refused_everywhere(rows, here, capfd):
         assert "edited by hand" in refused(capfd, main, ["leaderboard", command, "--rows", str(rows)])
 
 
-def test_a_row_that_says_something_else_than_its_policy_does_fails_when_it_is_played_again(rows, capfd):
+def test_a_row_that_differs_from_its_policys_results_fails_the_verification(rows, capfd):
     path = rows / "push.json"
     content = json.loads(path.read_text(encoding="utf-8"))
     content["tracks"][TRACK]["runs"][0]["error"] = [0.5 * x for x in content["tracks"][TRACK]["runs"][0]["error"]]
@@ -429,7 +429,7 @@ def test_a_row_that_says_something_else_than_its_policy_does_fails_when_it_is_pl
     (rows / "qp.json").unlink()
     arguments = ["leaderboard", "verify", "--rows", str(rows), "--sample", "2", "--workers", "1", "--trust"]
     line = refused(capfd, main, arguments)
-    assert "2 of 2 scenarios give something else" in line
+    assert "2 of 2 scenarios give other results" in line
 
 
 def test_a_row_of_a_policy_that_has_changed_since_is_not_verified(rows, here, capfd):
