@@ -159,7 +159,7 @@ def test_scenarios_out_of_range_are_refused_before_any_evaluation(scenarios, pla
 def test_unknown_tracks_splits_and_policies_are_refused():
     assert TRACK in refused(UnknownNameError, "mine:Zero", "flight")
     assert "validation" in refused(UnknownNameError, "mine:Zero", TRACK, 1, split="train")
-    assert "valid" in refused(PolicyError, "mine:Nobody", TRACK, 1)
+    assert "valid" in refused(PolicyError, "mine:Missing", TRACK, 1)
     assert "ground-paper" in refused(InvalidValueError, HOLD, "ground-paper", 1)
 
 
@@ -396,12 +396,12 @@ def test_a_cluster_that_is_not_there_is_one_line(error, monkeypatch, here):
     ray = pytest.importorskip("ray")
 
     def unreachable(**options):
-        raise error("nobody answers")
+        raise error("no answer")
 
     monkeypatch.setattr(ray, "init", unreachable)
     message = refused(SpidarError, "mine:Zero", TRACK, 1, ray="auto", folder=here / "kept")
     assert "no Ray cluster at 'auto'" in message
-    assert "nobody answers" in message
+    assert "no answer" in message
     assert "valid: local" in message
 
 

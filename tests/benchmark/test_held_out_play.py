@@ -90,13 +90,13 @@ def test_a_candidate_that_adds_to_nothing_is_played_alone(rows):
 @pytest.mark.parametrize(
     ("arguments", "error", "words"),
     [
-        ({"names": ["nobody"]}, UnknownNameError, "unknown row 'nobody'; valid: qp, "),
+        ({"names": ["missing"]}, UnknownNameError, "unknown row 'missing'; valid: qp, "),
         ({"against": "qp"}, InvalidValueError, "expected a candidate that is compared with it, --policy FILE"),
         ({"policies": [TUNED], "against": "rl"}, UnknownNameError, "unknown row or preset 'rl'; valid: qp, "),
         ({"policies": [QP, TUNED]}, InvalidValueError, "runs of one policy"),
         ({"policies": [TUNED], "names": ["qp_tuned"]}, InvalidValueError, "with another name than the rows"),
         ({"policies": [SEED], "against": "supervised_tuned"}, InvalidValueError, "with another name than the rows"),
-        ({"policies": ["baselines.qp:Nobody"]}, PolicyError, "Nobody"),
+        ({"policies": ["baselines.qp:Missing"]}, PolicyError, "Missing"),
     ],
 )
 def test_invalid_choices_are_refused_in_one_line(arguments, error, words, rows, monkeypatch):

@@ -103,7 +103,7 @@ RUN = ("policies", 1, "runs", DUCT, 0)
         (damage("model_sha256", "0" * 64), "another robot model"),
         (damage("policies", 1, "name", "../own"), "name = "),
         (damage("policies", 1, "kind", "magic"), "unknown kind 'magic'"),
-        (damage("policies", 1, "against", "nobody"), "unknown policy 'nobody'; valid: qp, own"),
+        (damage("policies", 1, "against", "missing"), "unknown policy 'missing'; valid: qp, own"),
         (damage("policies", 1, "policies", [SPEC, SPEC]), "one a policy"),
         (damage("policies", 1, "policies", ["<b>"]), "without HTML"),
         (damage("command", "a\nb"), "one line"),

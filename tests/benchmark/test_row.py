@@ -350,8 +350,8 @@ def test_committed_rows_are_read_by_their_path_from_any_folder(tmp_path, monkeyp
     assert read_rows(Path(ROWS), "walking") == read_rows(ROOT / ROWS, "walking")
     assert committed_row("mpc") == read_rows(ROOT / ROWS, "mpc")["mpc"]
     assert read_row(Path(ROWS, "path", "mpc.json")) == read_row(ROOT / ROWS / "path" / "mpc.json")
-    with pytest.raises(RowError, match=r"baselines/scores/nobody\.json: No such file"):
-        read_row(Path(ROWS, "nobody.json"))
+    with pytest.raises(RowError, match=r"baselines/scores/missing\.json: No such file"):
+        read_row(Path(ROWS, "missing.json"))
 
 
 def test_the_committed_row_of_a_checkout_is_that_of_the_working_folder(tmp_path, monkeypatch):

@@ -30,10 +30,10 @@ def test_a_flight_that_is_led_is_the_controllers(name, preset):
     led, size = advised(FLIGHTS[name], preset)
     led.robots["is_led"] = True
     first, second = own.reset(seed=3)[0], led.reset(seed=3)[0]
-    nobody = np.zeros((ROBOTS, *own.single_action_space.shape))
+    idle = np.zeros((ROBOTS, *own.single_action_space.shape))
     for _ in range(TICKS):
         np.testing.assert_array_equal(first[:, :size], second[:, :size])
-        first, second = own.step(nobody)[0], led.step(np.zeros((ROBOTS, SIZE)))[0]
+        first, second = own.step(idle)[0], led.step(np.zeros((ROBOTS, SIZE)))[0]
     assert own.robots["episode"]["ticks"].tolist() == [TICKS] * ROBOTS
 
 

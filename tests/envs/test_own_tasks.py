@@ -367,7 +367,7 @@ class Named(HoverTask):
         (HOVER, {"task": Endless}, "failures with diverged"),
         (HOVER, {"task": Named()}, "a task without options named preset"),
         (HOVER, {"task": "nowhere:Task"}, r"module:Class of an importable task \(No module named 'nowhere'\)"),
-        (HOVER, {"task": "payload:Nobody"}, "module:Class of an importable task"),
+        (HOVER, {"task": "payload:Missing"}, "module:Class of an importable task"),
         (HOVER, {"task": "payload"}, "module:Class of an importable task"),
     ],
     ids=lambda value: "" if isinstance(value, dict) else str(value)[:20],

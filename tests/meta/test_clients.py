@@ -68,12 +68,12 @@ def test_an_outcome_follows_from_the_results_of_the_tests():
 
 def test_a_failed_installation_is_reported_and_is_a_failure(tmp_path, monkeypatch, capsys):
     nowhere = matrix.Client("gymnasium", ((str(tmp_path / "nothing.whl"),),), ("gymnasium",), "nothing")
-    monkeypatch.setitem(matrix.CLIENTS, "Nobody", nowhere)
+    monkeypatch.setitem(matrix.CLIENTS, "Missing", nowhere)
     out = tmp_path / "result.json"
-    assert matrix.main(["Nobody", "--folder", str(tmp_path / "clients"), "--out", str(out)]) == 1
-    assert "Nobody: not installed: " in capsys.readouterr().out
+    assert matrix.main(["Missing", "--folder", str(tmp_path / "clients"), "--out", str(out)]) == 1
+    assert "Missing: not installed: " in capsys.readouterr().out
     ((name, _, outcome, _),) = json.loads(out.read_text(encoding="utf-8"))["lines"][1:]
-    assert name == "Nobody"
+    assert name == "Missing"
     assert "nothing.whl" in outcome
     with pytest.raises(UnknownNameError, match=r"valid: Gymnasium 1\.2, "):
         matrix.main(["Gymnasium 0.26"])

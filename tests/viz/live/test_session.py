@@ -257,7 +257,7 @@ def test_a_refused_choice_leaves_the_robot_in_flight_as_it_was(begun, monkeypatc
     played(session, 20)
     for wrong, error, words in (
         ({"policy": "baselines.walking:Walking"}, PolicyError, f"not for {HOVER}"),
-        ({"policy": "nobody.knows:Her"}, PolicyError, "No module named 'nobody'"),
+        ({"policy": "missing.knows:Her"}, PolicyError, "No module named 'missing'"),
         ({"preset": "published"}, UnknownNameError, "preset 'published'; valid: paper"),
     ):
         with pytest.raises(error, match=words):
