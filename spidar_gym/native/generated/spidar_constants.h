@@ -142,12 +142,12 @@ typedef enum {
     SP_PROGRAM_LEGS = 5, SP_PROGRAM_STANCE = 6, SP_PROGRAMS
 } sp_program_kind;
 
-/* How a tick was answered, best first. */
+/* Outcome of a tick's allocation, best first. */
 typedef enum {
     SP_CLOSED_FORM = 0, SP_SOLVED = 1, SP_PROJECTED = 2, SP_SOFTENED = 3, SP_HELD = 4
 } sp_status;
 
-/* What a step of the gait runs through. */
+/* Phase sequences of a step of the gait. */
 typedef enum {
     SP_CYCLE = 0, SP_LIFT = 1, SP_STAND = 2
 } sp_phases;
@@ -158,30 +158,30 @@ typedef enum {
     SP_DOWN = 8, SP_SETTLE = 9, SP_HOLD = 10
 } sp_phase;
 
-/* What the manager of both gaits is told. */
+/* Commands to the manager of both gaits. */
 typedef enum {
     SP_LOCOMOTION_CRAWL_TO = 0, SP_LOCOMOTION_TAKE_OFF = 1, SP_LOCOMOTION_FLY_TO = 2, SP_LOCOMOTION_LAND = 3
 } sp_locomotion_kind;
 
-/* What it is doing. */
+/* Phases of the manager of both gaits. */
 typedef enum {
     SP_MANAGER_LIE = 0, SP_MANAGER_CRAWL = 1, SP_MANAGER_SPOOL = 2, SP_MANAGER_CLIMB = 3, SP_MANAGER_HOVER = 4,
     SP_MANAGER_FORM = 5, SP_MANAGER_FLY = 6, SP_MANAGER_DESCEND = 7, SP_MANAGER_UNLOAD = 8, SP_MANAGER_CUT = 9
 } sp_manager_phase;
 
-/* What a course is made of; what is passed comes first. */
+/* Parts of a course: gates first, then floors. */
 typedef enum {
     SP_GATE_WALL = 0, SP_GATE_BEAM = 1, SP_GATE_SLOT = 2, SP_GATE_PLATFORM = 3, SP_GATE_TILES = 4, SP_GATE_SLOPE = 5,
     SP_GATE_KINDS
 } sp_gate_kind;
 
-/* What the entries of a policy's action are, in this order. */
+/* Channels of a policy's action, in the order of its entries. */
 typedef enum {
     SP_CHANNEL_WRENCH = 1, SP_CHANNEL_JOINT_OFFSET = 2, SP_CHANNEL_JOINT_SPEED_SCALE = 4, SP_CHANNEL_FORCES = 8,
     SP_CHANNEL_GAIT = 16, SP_CHANNEL_LEG_FORCES = 32
 } sp_channel;
 
-/* What a policy adds to; direct commands a flight. */
+/* Controller that a policy adds to; `direct` commands a flight itself. */
 typedef enum {
     SP_POLICY_NONE = -1, SP_POLICY_FLIGHT = 0, SP_POLICY_CRAWL = 1, SP_POLICY_DIRECT = 2
 } sp_policy_target;

@@ -71,7 +71,7 @@ static const double SP_NOWHERE[6] = {0x0.0p+0, 0x0.0p+0, -0x1.9000000000000p+5, 
 #define SP_DRIFT_SECONDS 0x1.4000000000000p+3 /* 10.0, spidar_gym.sim.sensors.DRIFT_SECONDS */
 #define SP_DROPOUT_SECONDS 0x1.999999999999ap-5 /* 0.05, spidar_gym.sim.sensors.DROPOUT_SECONDS */
 
-/* What a drawn number does to the nominal one. */
+/* How a sampled number changes the nominal one. */
 typedef enum {
     SP_DRAW_SET = 0, SP_DRAW_SCALE = 1, SP_DRAW_ADD = 2
 } sp_operation;
@@ -87,108 +87,108 @@ typedef enum {
     SP_PATHS_NONE = 0, SP_PATHS_LEGS = 1, SP_PATHS_LEMNISCATE = 2, SP_PATHS_SPLINE = 3, SP_PATHS_MIXED = 4
 } sp_path_kind;
 
-/* Where the robot looks on its path. */
+/* Headings of the robot on its path. */
 typedef enum {
     SP_HEADING_KEPT = 0, SP_HEADING_ALONG = 1, SP_HEADING_MIXED = 2
 } sp_heading;
 
-/* What a floor with steps may be. */
+/* Kinds of floors with steps. */
 typedef enum {
     SP_TERRAIN_TILES = 0, SP_TERRAIN_STAIRS = 1, SP_TERRAIN_MIXED = 2
 } sp_terrain;
 
-/* What a robot violates. */
+/* Constraints of a robot. */
 typedef enum {
     SP_VIOLATED_FOOT = 1, SP_VIOLATED_DUCT = 2, SP_VIOLATED_PART = 4, SP_VIOLATED_TORQUE = 8, SP_VIOLATED_BLOWN = 16
 } sp_constraint;
 
-/* What happens at the end of an episode. */
+/* Modes of resetting at the end of an episode. */
 typedef enum {
     SP_RESET_NEXT_STEP = 0, SP_RESET_SAME_STEP = 1, SP_RESET_DISABLED = 2
 } sp_autoreset;
 
-/* How far the actuators are from the robot description; the defaults are the description. */
+/* Parameters of the simulated actuators; the defaults are those of the robot description. */
 typedef struct {
     double thrust_gain; /* Thrust over commanded thrust, all modules. */
     double module_gain[8]; /* Thrust over commanded thrust of each module, times `thrust_gain`. */
-    double duct_imbalance[8]; /* (T_left − T_right) / λ of each module; it turns the module about x. */
+    double duct_imbalance[8]; /* (T_left − T_right) / λ of each module; causes a torque about the module's x axis. */
     double thrust_tilt[16]; /* (8, 2) Tilt of the thrust about the module's x and y axes [rad]. */
-    double thrust_offset[16]; /* (8, 2) Point of attack off the module's centre, x and y [m]. */
+    double thrust_offset[16]; /* (8, 2) Offset of the thrust's point of attack from the module's centre, x and y [m]. */
     double max_thrust; /* Largest thrust of a module [N]. */
     int32_t battery; /* Whether the largest thrust falls with the voltage of a battery that is full at reset. */
     double thrust_lag; /* Time constant of a rising thrust [s]. */
     double spin_down; /* Time constant of a falling thrust over that of a rising one. */
-    double thrust_noise; /* Standard deviation of each module's thrust [N], 10 Hz wide. */
-    double delay; /* Between a command and the actuators [s]; rounded to physics steps. */
-    double vectoring_delay; /* More delay of the vectoring servos [s]; rounded to physics steps. */
+    double thrust_noise; /* Standard deviation of each module's thrust noise, with a bandwidth of 10 Hz [N]. */
+    double delay; /* Delay between a command and the actuators, rounded to physics steps [s]. */
+    double vectoring_delay; /* Additional delay of the vectoring servos, rounded to physics steps [s]. */
     double joint_kp; /* Stiffness of the joint servos [Nm/rad]. */
     double joint_kd; /* Damping of the joint servos [Nm s/rad]. */
     double servo_stiffness[16]; /* Factor on the stiffness of each joint servo. */
-    double joint_speed_factor; /* The servos' speed limit over the one that they are told. */
-    double max_joint_torque; /* Torque that the joint servos really reach [Nm]. */
+    double joint_speed_factor; /* Actual speed limit of the joint servos over the commanded one. */
+    double max_joint_torque; /* Largest torque that the joint servos reach [Nm]. */
     double joint_friction; /* Dry friction of a joint [Nm]. */
     double joint_damping; /* Viscous friction of a joint [Nm s/rad]. */
-    double backlash; /* Half of the play of a joint [rad]: so far a link moves before its servo resists. */
-    double joint_offset[16]; /* True minus indicated joint angle [rad]: an encoder whose zero is off. */
+    double backlash; /* Half of a joint's play, within which the servo exerts no torque [rad]. */
+    double joint_offset[16]; /* True minus indicated joint angle, the zero offset of the encoder [rad]. */
     double vectoring_kp; /* Stiffness of the vectoring servos [Nm/rad]. */
     double vectoring_offset[16]; /* (8, 2) True minus indicated vectoring angle [rad]. */
 } sp_actuator_config;
 
 /* Parameters of the air; nominal values fitted to the paper's descent in form ③, ranges in `randomize`. */
 typedef struct {
-    int32_t wake; /* Whether there is air while there is no wind: jets, drag, inflow by the robot's motion, ground effect. */
+    int32_t wake; /* Whether air is simulated without wind: jets, drag, inflow by the robot's motion, ground effect. */
     double zero_thrust_speed; /* χ: axial inflow at which a duct's thrust vanishes, in units of its own jet speed [Leishman]. */
     double core_length; /* Length of a jet's potential core in duct diameters: 3.25 … 6.2 in the literature [Hamill]. */
     double duct_drag_area; /* C_d A of one duct in a stream [m²]. */
     double ground_effect; /* a in T ← T (1 + a (R / 4h)²): 1 is Cheeseman and Bennett's open rotor; ducts have either sign. */
 } sp_aero_config;
 
-/* How far body and ground are from the robot description; the defaults are the description. */
+/* Parameters of the simulated body; the defaults are those of the robot description. */
 typedef struct {
     double total_mass; /* Mass of the whole robot [kg]; all masses and inertias are scaled to it, after the factors below. */
     double link_mass[8]; /* Factor on mass and inertia of each link with its junction and module. */
     double link_com[24]; /* (8, 3) Shift of each link's centre of mass, link axes [m]. */
     double torso_com[3]; /* Shift of the torso's centre of mass [m]. */
     double inertia[8]; /* Factor on the inertia of each link about its own centre of mass. */
-    double payload_mass; /* Mass of what the torso carries beyond all this, a point [kg]. */
-    double payload_position[3]; /* Where it is, torso axes [m]. */
+    double payload_mass; /* Point mass that the torso carries, in addition to `total_mass` [kg]. */
+    double payload_position[3]; /* Position of the payload, torso axes [m]. */
     double foot_friction; /* Sliding friction of the feet. */
     double peg_friction; /* Sliding friction of pegs, ducts and torso. */
 } sp_body_config;
 
 /* The floor under the robot. */
 typedef struct {
-    double slope; /* Angle to the horizontal [rad]; the floor turns about the origin. */
-    double heading; /* Direction in which it rises [rad]. */
+    double slope; /* Angle to the horizontal, by rotation about the origin [rad]. */
+    double heading; /* Direction in which the floor rises [rad]. */
     double tiles[256]; /* (16, 16) Height of each tile over the plane [m]; all zero is a plane without tiles. */
-    double boxes[448]; /* (64, 7) Boxes in the world: centre, half of length, width and height [m], how far the front is pitched down [rad]; one of no size is none. */
+    double boxes[448]; /* (64, 7) Boxes in the world: centre, half of length, width and height [m], downward pitch of the front [rad]; boxes of zero size are unused. */
 } sp_ground_config;
 
 /* Noise of the sensors; values of a motion capture of the Vicon class [JSK] and of an ADIS16448 [RotorS]. */
 typedef struct {
-    double latency; /* Between a frame of the motion capture and its arrival [s]. */
+    double latency; /* Latency of a frame of the motion capture [s]. */
     double position_noise; /* Standard deviation of a position [m]. */
     double rotation_noise; /* Standard deviation of an attitude [rad]. */
-    double position_drift; /* Standard deviation of the slow error of positions, 10 s wide [m]. */
-    double rotation_drift; /* Standard deviation of the slow error of attitudes, 10 s wide [rad]. */
-    double dropout; /* Probability that a frame is the first of 50 ms without any. */
+    double position_drift; /* Standard deviation of the slow error of positions, with a correlation time of 10 s [m]. */
+    double rotation_drift; /* Standard deviation of the slow error of attitudes, with a correlation time of 10 s [rad]. */
+    double dropout; /* Probability that a drop-out of 50 ms begins at a frame. */
     double gyro_noise; /* Density of the gyroscope's noise [rad/s/√Hz]. */
-    double gyro_bias; /* Standard deviation of its bias at switch-on [rad/s]. */
+    double gyro_bias; /* Standard deviation of the gyroscope's bias at switch-on [rad/s]. */
     double accelerometer_noise; /* Density of the accelerometer's noise [m/s²/√Hz]. */
-    double accelerometer_bias; /* Standard deviation of its bias at switch-on [m/s²]. */
-    double vibration; /* Standard deviation of what the rotors shake into the accelerometer [m/s²] [estimate]. */
+    double accelerometer_bias; /* Standard deviation of the accelerometer's bias at switch-on [m/s²]. */
+    double vibration; /* Standard deviation of the accelerometer's error from vibration of the rotors [m/s²] [estimate]. */
     double encoder_noise; /* Standard deviation of an encoder before rounding, in counts. */
     double torque_noise; /* Relative error of a servo's reported torque. */
-    double factor; /* On all of the noise, drift and bias above, encoders' steps excepted. */
+    double factor; /* Factor on all noise, drift and bias above, but not on the encoders' steps. */
 } sp_sensor_config;
 
-/* What can be chosen about the simulated robot. */
+/* Configuration of the simulated robot. */
 typedef struct {
-    int32_t substeps; /* Physics steps a control period: 10 × 2.5 ms = 25 ms, 40 Hz. */
-    double joint_speed; /* The joint servos' setpoints move no faster than this [rad/s]: the one joint speed limit there is. */
+    int32_t substeps; /* Physics steps per control period: 10 × 2.5 ms = 25 ms, 40 Hz. */
+    double joint_speed; /* Largest speed of the joint servos' setpoints, the only limit of joint speeds [rad/s]. */
     double idle_thrust; /* Least commanded thrust of a module [N]; `ROBOT.idle_thrust` for armed motors. */
-    int32_t sense; /* Whether `Plant.measure` gives what the real sensors say. */
-    sp_body_config body; /* Masses and friction. */
+    int32_t sense; /* Whether sensors are simulated, for `Plant.measure`. */
+    sp_body_config body; /* Masses, inertias and friction. */
     sp_actuator_config actuators; /* Rotors and servos. */
     sp_aero_config aero; /* The air. */
     sp_sensor_config sensors; /* Noise of the sensors. */
@@ -197,98 +197,98 @@ typedef struct {
 
 /* Disturbances of an episode; all off by default. */
 typedef struct {
-    double wind; /* Mean wind [m/s], from a direction drawn at reset, with first-order Dryden turbulence of that strength. */
-    double push; /* Force of pushes on the torso [N], 0.2 s long, every 5 … 15 s, from a direction drawn each time. */
-    int32_t lost_rotor; /* Module that fails, 1 … 8; 0 for none. The controller is told. */
-    int32_t fault; /* `thrust`: the module no longer thrusts; `vectoring`: its φ and θ stay where they are. */
-    double fault_time; /* When it fails [s]. */
+    double wind; /* Mean wind speed [m/s], with first-order Dryden turbulence in proportion; its direction is sampled at reset. */
+    double push; /* Force of pushes on the torso [N], 0.2 s long, every 5 … 15 s, in a direction sampled for each push. */
+    int32_t lost_rotor; /* Module that fails, 1 … 8; 0 for none. The fault is reported to the controller. */
+    int32_t fault; /* `thrust`: the module loses its thrust; `vectoring`: its φ and θ are stuck. */
+    double fault_time; /* Time of the failure [s]. */
 } sp_disturbances;
 
-/* A stream of random numbers: numpy's PCG64, and what spawns others from it. */
+/* A stream of random numbers: numpy's PCG64, and the seed state that spawns other streams. */
 typedef struct {
     uint64_t state_high, state_low; /* of PCG64 */
-    uint64_t increment_high, increment_low; /* odd; which of its streams */
-    uint32_t has_half, half; /* whether the upper half of a draw is left over; that half */
+    uint64_t increment_high, increment_low; /* odd; selects one of PCG64's streams */
+    uint32_t has_half, half; /* whether the upper half of a draw is unused; that half */
     uint32_t pool[4]; /* the seed and the spawn key, mixed */
-    uint32_t hash, spawned; /* constant that goes on mixing; how many were spawned */
+    uint32_t hash, spawned; /* next constant of the mixing; number of spawned streams */
 } sp_generator;
 
-/* The robot and the floor as MuJoCo has them: where things are in its arrays, and their numbers. */
+/* The robot and the floor in MuJoCo: indices into MuJoCo's arrays, and constants. */
 typedef struct {
-    int32_t bodies, torso, floor, geoms, moving; /* of bodies; bodies; geom; of all geoms; of those of the robot */
+    int32_t bodies, torso, floor, geoms, moving; /* number; body; geom; numbers of all geoms and of the robot's */
     int32_t module_body[8], link_body[8]; /* bodies */
-    int32_t part_body[32]; /* bodies that a link carries: junction, link, and the two of its module */
+    int32_t part_body[32]; /* bodies of a link: junction, link, and the two of its module */
     int32_t body_parent[64], body_dofadr[64], body_dofnum[64]; /* of MuJoCo's tree */
     int32_t joint_qpos[32], joint_dof[32]; /* of joints, then vectoring angles */
-    int32_t ball[12], ball_body[12]; /* geoms of the feet, then of the pegs; bodies that carry them */
+    int32_t ball[12], ball_body[12]; /* geoms of the feet, then of the pegs; their bodies */
     int32_t duct[16]; /* geoms of the ducts */
     int32_t geom[64]; /* geoms of the robot */
-    int32_t geom_kind[512]; /* what each geom is: a ball, SP_BALLS for a duct, −1 */
-    int32_t geom_touches[512], geom_is_foot[512]; /* whether it meets the floor; whether it is a foot */
+    int32_t geom_kind[512]; /* index of a ball, SP_BALLS for a duct, −1 for other geoms */
+    int32_t geom_touches[512], geom_is_foot[512]; /* whether it collides with the floor; whether it is a foot */
     int32_t tile[256]; /* geoms of the tiles, row by row; −1 where there are none */
     int32_t box[64]; /* geoms of the boxes; −1 where there are none */
     double mass[64]; /* of the described robot [kg] */
-    double torso_axes[4]; /* principal axes of its torso's inertia, a quaternion */
-    double inertia[64][3], com[64][3]; /* principal inertia [kg m²]; its centre [m] */
+    double torso_axes[4]; /* principal axes of the torso's inertia, a quaternion */
+    double inertia[64][3], com[64][3]; /* principal inertia [kg m²]; CoG [m] */
     double geom_reach[64]; /* bounding radius [m] */
     double ball_radius[12]; /* [m] */
     double duct_radius[16], duct_half[16]; /* radius and half height [m] */
     double weight, max_joint_torque, torso_radius, torso_height; /* [N], [Nm], [m] */
     double propeller_radius, duct_offset_y, duct_z; /* of a duct; its exit below the module's centre [m] */
-    double link_station[3], link_width[3]; /* where a link is looked at, and how wide it is there [m] */
-    double link_scale[8]; /* its length over that of the link whose stations these are */
-    double gravity, battery_share; /* [m/s²]; largest thrust over that of modules whose battery was measured */
-    double imu_position_b[3]; /* where motion capture and inertial unit look [m] */
-    double encoder_step[32]; /* a count of each encoder [rad] */
+    double link_station[3], link_width[3]; /* stations along a link, and its width there [m] */
+    double link_scale[8]; /* length of each link over that of the link with these stations */
+    double gravity, battery_share; /* [m/s²]; largest thrust over that with the measured battery */
+    double imu_position_b[3]; /* position of the inertial unit, which motion capture tracks [m] */
+    double encoder_step[32]; /* one count of each encoder [rad] */
     double start[438]; /* MuJoCo's state after a reset */
 } sp_world;
 
-/* What the air did at one evaluation. */
+/* Result of one evaluation of the air. */
 typedef struct {
     double generalized[38]; /* generalised force for qfrc_applied [N, Nm] */
     double thrust_factor[16]; /* thrust of each duct over that in still air */
-    double forces_w[135], points_w[135]; /* force at each station, and where it is, world [N], [m] */
+    double forces_w[135], points_w[135]; /* force at each station and its position, world [N], [m] */
 } sp_air;
 
-/* Wind and pushes as they unfold. */
+/* State of wind and pushes. */
 typedef struct {
-    double mean_w[3], gust_w[3], push_w[3]; /* mean wind, turbulence [m/s]; the push that is on now [N]; world */
-    double next_push, push_end; /* when the next begins, and the present one ends [s] */
+    double mean_w[3], gust_w[3], push_w[3]; /* mean wind, turbulence [m/s]; present push [N]; world */
+    double next_push, push_end; /* start of the next push, end of the present one [s] */
 } sp_weather;
 
-/* A command on its way. */
+/* A delayed command. */
 typedef struct {
-    int64_t due, vectoring_due; /* physics steps at which thrusts and joints, and vectoring angles, arrive */
+    int64_t due, vectoring_due; /* physics step at which thrusts and joints arrive; vectoring angles */
     double target[40]; /* thrusts [N], joints, vectoring angles [rad] */
 } sp_pending;
 
-/* Everything about the sensors that changes. */
+/* State of the sensors. */
 typedef struct {
     double gyro_bias[3], accelerometer_bias[3]; /* [rad/s], [m/s²] */
     double drift[6]; /* slow error of position [m] and attitude [rad] */
     double velocity_w[3]; /* of the inertial unit at its last sample [m/s] */
     double silent_until, next_pose, next_encoder; /* [s] */
-    int32_t frames, samples; /* of the motion capture on their way; of the inertial unit since the last tick */
+    int32_t frames, samples; /* delayed motion-capture frames; inertial samples since the last tick */
     double frame_time[16]; /* oldest first [s] */
     double frame_position_w[16][3]; /* [m] */
     double frame_quat_wb[16][4];
     double imu_time[8]; /* oldest first [s] */
     double gyro_b[8][3], specific_force_b[8][3]; /* [rad/s], [m/s²] */
     double encoder_time; /* of the latest reading [s] */
-    double angles[32]; /* what the servos indicated [rad] */
-    double torque[16]; /* what they reported [Nm] */
+    double angles[32]; /* indicated by the servos [rad] */
+    double torque[16]; /* reported by the servos [Nm] */
 } sp_sensor_memory;
 
-/* What touches the floor at one instant. */
+/* Floor contacts at one instant. */
 typedef struct {
-    int32_t balls[12]; /* whether each foot, then each peg does */
-    int32_t ducts; /* whether a duct does */
+    int32_t balls[12]; /* whether each foot, then each peg, touches it */
+    int32_t ducts; /* whether a duct touches it */
     double slip[8]; /* speed of the touching points of feet, then of the torso's pegs [m/s] */
     double duct_clearance; /* height of the lowest duct over the floor [m] */
-    double hit; /* largest force on anything but feet and pegs, where there are boxes [N] */
+    double hit; /* largest force on anything but feet and pegs, with boxes only [N] */
 } sp_touch;
 
-/* One simulated robot: what it is, and all that changes about it. */
+/* One simulated robot: configuration and state. */
 typedef struct {
     sp_plant_config config;
     sp_disturbances disturbances;
@@ -298,126 +298,126 @@ typedef struct {
     double row[438]; /* MuJoCo's state */
     sp_robot_state state; /* the true state */
     int64_t clock; /* physics steps since the reset */
-    int32_t pending_first, pending_count; /* a ring */
+    int32_t pending_first, pending_count; /* ring buffer */
     sp_pending pending[32];
-    double torque_limit[16]; /* that the joint servos may use [Nm] */
-    int32_t in_contact, diverged, has_air, senses; /* touching; no longer finite; something blows; measuring */
-    int32_t violated; /* bits of sp_constraint, since somebody made it 0 */
-    double clearance; /* least height of everything over the highest tile at the end of the last tick [m] */
-    double hit; /* largest force in the last tick on anything but feet and pegs, where there are boxes [N] */
-    double spent_wh; /* that the battery lacks at the reset [Wh] */
+    double torque_limit[16]; /* of the joint servos [Nm] */
+    int32_t in_contact, diverged, has_air, senses; /* touches the floor; not finite; has air; has sensors */
+    int32_t violated; /* bits of sp_constraint since it was last set to 0 */
+    double clearance; /* lower bound of the height over the highest tile after the last tick [m] */
+    double hit; /* largest force of the last tick on anything but feet and pegs, with boxes only [N] */
+    double spent_wh; /* energy that the battery lacks at the reset [Wh] */
     double noise[8]; /* of the thrusts [N] */
     sp_weather weather;
-    double air_force_w[3]; /* of the air besides the thrust in still air, world [N] */
+    double air_force_w[3]; /* of the air, without the thrust in still air, world [N] */
     double air_factor[16]; /* thrust of each duct over that in still air */
-    int32_t falling[8]; /* modules whose thrust falls */
-    double loose[16]; /* where each joint is within its play [rad] */
-    int32_t is_stuck; /* whether the next counts */
+    int32_t falling[8]; /* whether the thrust of each module falls */
+    double loose[16]; /* position of each joint within its play [rad] */
+    int32_t is_stuck; /* whether `stuck` is valid */
     double stuck[2]; /* vectoring angles of a module whose servos have failed [rad] */
     double power, energy_wh; /* [W], since the reset [Wh] */
     sp_sensor_memory sensors;
-    sp_generator generator; /* source of noise, wind and pushes */
+    sp_generator generator; /* of noise, wind and pushes */
 } sp_plant;
 
-/* A form to take. */
+/* A form of the schedule. */
 typedef struct {
-    double start, deadline; /* when it becomes the target; when the slowest joint arrives [s] */
+    double start, deadline; /* time at which it becomes the target; at which the slowest joint arrives [s] */
     double joint_target[16]; /* q [rad] */
-    int32_t reached; /* whether it was, in time */
+    int32_t reached; /* whether it was reached in time */
 } sp_goal;
 
-/* A number of a plant's configuration that is drawn, or a run of them. */
+/* A randomised number of a plant's configuration, or a range of them. */
 typedef struct {
-    int32_t at, count, operation; /* byte of the configuration; how many; sp_operation */
-    double low, high; /* even in between at strength 1 */
+    int32_t at, count, operation; /* byte offset in the configuration; how many; sp_operation */
+    double low, high; /* limits of the uniform distribution at strength 1 */
 } sp_draw;
 
-/* What the entries of an action are. */
+/* Meaning of the entries of an action. */
 typedef struct {
-    int32_t size, is_direct, channels; /* entries; whether no controller stands behind; bits of sp_channel */
-    double authority[48]; /* what 1 becomes */
+    int32_t size, is_direct, channels; /* entries; whether they bypass the controller; bits of sp_channel */
+    double authority[48]; /* value of an entry of 1 */
 } sp_action_mode;
 
-/* What all robots of an environment share. */
+/* Rules that all robots of an environment share. */
 typedef struct {
-    sp_plant_config plant; /* the robot that others are drawn around */
+    sp_plant_config plant; /* nominal robot of the randomisation */
     sp_estimator_config estimator;
     sp_action_mode mode;
-    double bound[512]; /* of the observation */
+    double bound[512]; /* of each number of the observation */
     int32_t size; /* of the observation */
     int32_t is_described; /* whether every robot is the described one, so that a hover needs no trim */
-    int32_t draws; /* how many of the next count */
+    int32_t draws; /* number of valid entries of `draw` */
     sp_draw draw[64]; /* in the order of the draws */
     double strength; /* of the randomisation, 0 … 1 */
-    int64_t horizon; /* ticks of an episode; success is judged there */
-    int32_t truncates, autoreset; /* whether it ends there; sp_autoreset */
-    int32_t is_commanded, is_referred; /* whether commands are Python's; whether references are */
-    int32_t is_advised; /* whether the controller says what it would do where an action goes past it */
+    int64_t horizon; /* ticks of an episode, after which success is evaluated */
+    int32_t truncates, autoreset; /* whether the episode ends at the horizon; sp_autoreset */
+    int32_t is_commanded, is_referred; /* whether commands come from Python; whether references do */
+    int32_t is_advised; /* whether the controller computes its advice where actions bypass it */
 } sp_rules;
 
 /* The task of a flight. */
 typedef struct {
     sp_rules rules;
     sp_controller_config controller;
-    double position_w[3]; /* where the CoG is to be [m] */
-    double joint_speed, perturbation, horizon_s; /* [rad/s]; of the start, 1; forms are drawn until then [s] */
-    int32_t avoids, windows; /* whether rotors are restricted; how many windows of time without */
-    double window[16][2]; /* from, until [s] */
+    double position_w[3]; /* reference of the CoG [m] */
+    double joint_speed, perturbation, horizon_s; /* [rad/s]; of the start, 1; end of the schedule [s] */
+    int32_t avoids, windows; /* whether rotors are restricted; number of windows without restriction */
+    double window[16][2]; /* start and end [s] */
     double form[3][16]; /* the paper's [rad] */
-    double range[3][2][4]; /* least and largest angles of a leg's joints in drawn forms [rad] */
-    int32_t drawn_legs[3]; /* how many legs are drawn; the others are alike */
-    double mixture[2]; /* of drawn forms: share of the paper's; of these and those with equal legs */
-    double paper_pause; /* from the paper's first form to its second [s] */
-    double pause[2]; /* between drawn forms, drawn in between [s] */
-    double offset[2]; /* of the start, position and attitude per axis at most [m], [rad] */
-    double arrival_grace, arrival_tolerance; /* how late [s] and how far off [rad] a form may be reached */
+    double range[3][2][4]; /* least and largest angles of a leg's joints in sampled forms [rad] */
+    int32_t drawn_legs[3]; /* number of sampled legs; the others copy them */
+    double mixture[2]; /* share of the paper's forms; of these and forms with equal legs */
+    double paper_pause; /* between the paper's first two forms [s] */
+    double pause[2]; /* range of the pause between sampled forms [s] */
+    double offset[2]; /* largest initial offset per axis, position [m] and attitude [rad] */
+    double arrival_grace, arrival_tolerance; /* tolerances for reaching a form: delay [s], joint error [rad] */
     int32_t path, heading; /* sp_path_kind; sp_heading */
     double path_mixture[2]; /* share of straight legs; of these and lemniscates */
-    double speed[2]; /* of a path, drawn in between [m/s] */
-    double path_begin, half_width; /* when it begins [s]; of a lemniscate [m] */
-    double corner_radius[2], corner_turn[2]; /* of corners from where it begins [m]; from one to the next [rad] */
-    double bend_radius[2], bend_turn[2]; /* of points round a spline's middle [m]; from one to the next [rad] */
-    double climb; /* that its points are higher at most [m] */
+    double speed[2]; /* range of the speed on a path [m/s] */
+    double path_begin, half_width; /* start of a path [s]; of a lemniscate [m] */
+    double corner_radius[2], corner_turn[2]; /* ranges: corner from the start [m]; turn to the next [rad] */
+    double bend_radius[2], bend_turn[2]; /* ranges: point from a spline's middle [m]; turn to the next [rad] */
+    double climb; /* largest height of points above the start [m] */
 } sp_hover_rules;
 
-/* What every environment's robot has besides the simulated one. */
+/* State of an episode that all tasks share. */
 typedef struct {
-    sp_generator generator; /* of the environment: it draws what an episode is */
+    sp_generator generator; /* of the environment; samples the episodes */
     sp_disturbances disturbances; /* of this episode and those after it */
     sp_estimator estimator;
-    sp_robot_state seen; /* what the controller sees: the state, or its estimate where there are sensors */
-    double action[48]; /* the last, within [−1, 1] */
-    int32_t has_command; /* whether there was a tick */
-    sp_command command; /* the last */
-    sp_residual residual; /* what the action added */
+    sp_robot_state seen; /* observed state: the true one, or its estimate from the sensors */
+    double action[48]; /* last action, within [−1, 1] */
+    int32_t has_command; /* whether `command` is valid */
+    sp_command command; /* last command */
+    sp_residual residual; /* of the last action */
     int64_t ticks; /* since the reset */
-    int32_t failure; /* why the episode is over, or −1 */
+    int32_t failure; /* reason for the end of the episode, or −1 */
     int32_t truncated, over; /* whether the horizon is reached; whether the next step is a reset */
-    double drawn[256]; /* what was drawn of the robot, in the order of the draws */
+    double drawn[256]; /* randomised numbers of the robot, in the order of the draws */
 } sp_episode;
 
-/* A robot in flight: simulated, controlled, and what it is to do. */
+/* A robot in flight: plant, controller and task. */
 typedef struct {
     sp_plant plant;
     sp_episode episode;
     sp_flight flight;
-    sp_control_state percept, truth; /* what the controller makes of what it sees; of the true state */
+    sp_control_state percept, truth; /* of the observed state; of the true state */
     sp_reference reference;
     sp_preview preview;
     double leg_momentum[3], leg_momentum_rate[3]; /* [Nms], [Nm] */
     double joint_velocity[16]; /* of the joint commands [rad/s] */
-    double position_error[3], attitude_error[3]; /* true ones [m], [rad] */
-    int32_t forms, is_given, has_trim; /* which sequence; whether the start is given; whether with its trim */
-    double offset[3], rotation[3], velocity[3], omega[3]; /* of the start [m], [rad], of the CoG [m/s], [rad/s] */
-    double trim[6]; /* what a hover takes beyond the description [N, Nm] */
-    int32_t goals, current, flown; /* how many; which is the target; ticks */
-    int32_t knots; /* of the path; 0 where there is none */
+    double position_error[3], attitude_error[3]; /* true errors [m], [rad] */
+    int32_t forms, is_given, has_trim; /* sequence of forms; whether the start is given; its trim too */
+    double offset[3], rotation[3], velocity[3], omega[3]; /* initial offset [m], [rad], velocity of the CoG [m/s], [rad/s] */
+    double trim[6]; /* wrench of a hover beyond that of the description [N, Nm] */
+    int32_t goals, current, flown; /* number of goals; index of the present one; ticks */
+    int32_t knots; /* number of knots of the path; 0 without a path */
     double position_sum, attitude_sum; /* of squared errors [m²], [rad²] */
-    int32_t is_led; /* whether the controller's advice is done in place of the action */
-    sp_command advice; /* what the controller would have commanded at the last tick */
+    int32_t is_led; /* whether the controller's advice is executed instead of the action */
+    sp_command advice; /* command that the controller would have issued at the last tick */
 } sp_hover_robot;
 
-/* What is told of every robot after a tick. */
+/* `info` of every task. */
 typedef struct {
     double thrust_command[8], thrust[8]; /* [N] */
     double vectoring_command[8][2], vectoring[8][2]; /* (φ, θ) [rad] */
@@ -427,54 +427,54 @@ typedef struct {
     double thrust_factor[8]; /* thrust of each module over that in still air */
     double air_force[3]; /* world [N] */
     double power_w, energy_wh, endurance_min;
-    double cost, cost_contact, cost_torque, cost_duct, cost_blown; /* of violated constraints: the sum, each */
-    int32_t qp_status_code, qp_iterations, failure_code; /* sp_status or −1; of the task or −1 */
+    double cost, cost_contact, cost_torque, cost_duct, cost_blown; /* of violated constraints: sum, and each */
+    int32_t qp_status_code, qp_iterations, failure_code; /* sp_status or −1; number; failure of the task or −1 */
 } sp_info;
 
-/* What is told of a flight. */
+/* `info` of a flight. */
 typedef struct {
     sp_info info;
-    double position_error[3], attitude_error[3]; /* true ones [m], [rad] */
+    double position_error[3], attitude_error[3]; /* true errors [m], [rad] */
     double wrench_desired[6]; /* [N, Nm] */
     uint8_t restricted_rotors[8];
     uint8_t is_success;
 } sp_hover_info;
 
-/* What is counted of every robot, for its task. */
+/* Quantities of every task. */
 typedef struct {
     double ticks; /* Steps of the episode. */
-    double time; /* Time since its beginning [s]. */
+    double time; /* Time since the reset [s]. */
     double in_contact; /* 1 where a part of the robot touches the floor. */
     double diverged; /* 1 where the simulation's state is no longer finite. */
     double power; /* Electrical power [W]. */
     double effort; /* Mean square of the action. */
 } sp_quantities;
 
-/* What is counted of robots in flight. */
+/* Quantities of robots in flight. */
 typedef struct {
     sp_quantities common;
     double distance; /* Length of the position error [m]. */
     double angle; /* Length of the attitude error [rad]. */
-    double joint_error; /* Largest difference of a joint from the schedule's plan [rad]. */
+    double joint_error; /* Largest deviation of a joint angle from the schedule [rad]. */
     double tilt; /* Angle between the torso's z axis and the vertical [rad]. */
-    double position_rms; /* RMS of the position error since the beginning [m]. */
-    double attitude_rms; /* RMS of the attitude error since the beginning [rad]. */
-    double overdue; /* Forms that were due by now and not reached in time. */
+    double position_rms; /* RMS of the position error since the reset [m]. */
+    double attitude_rms; /* RMS of the attitude error since the reset [rad]. */
+    double overdue; /* Number of forms that were due by now and not reached in time. */
 } sp_hover_quantities;
 
-/* What is drawn of a flight besides forms and knots. */
+/* Sampled start of a flight, besides forms and knots. */
 typedef struct {
     double position[3], rotation[3]; /* offset of the torso [m], [rad] */
-    int32_t goals, knots; /* how many */
+    int32_t goals, knots; /* numbers of both */
 } sp_flight_start;
 
-/* What is looked at in a flight besides what is told. */
+/* Quantities of a flight that `info` does not contain. */
 typedef struct {
     sp_interference_config config;
-    sp_interference bounds; /* of now, and of the last look before it */
-    double tolerance, thrust; /* how far beyond [rad] and with more than which thrust [N] one interferes */
-    double planned[16]; /* joint angles of the schedule now [rad] */
-    int32_t interferes; /* whether a rotor does */
+    sp_interference bounds; /* present bounds; those of the last call before */
+    double tolerance, thrust; /* a rotor interferes if beyond its bound by this [rad] with this thrust [N] */
+    double planned[16]; /* present joint angles of the schedule [rad] */
+    int32_t interferes; /* whether a rotor interferes */
 } sp_watch;
 
 /* The task of a crawl. */
@@ -482,132 +482,132 @@ typedef struct {
     sp_rules rules;
     sp_crawler_config controller;
     double lies[16]; /* joint angles of the robot at rest [rad] */
-    sp_pose2 way; /* the paper's */
-    double share, turn; /* how often it is drawn; the other draws turn by at most so much [rad] */
-    double distance[2]; /* and go at least and at most so far [m] */
-    int32_t is_given[3]; /* whether distance, direction and turn are, and not drawn */
+    sp_pose2 way; /* displacement of the paper's crawl */
+    double share, turn; /* share of `way` among the samples; largest turn of the others [rad] */
+    double distance[2]; /* least and largest distance of the others [m] */
+    int32_t is_given[3]; /* whether distance, direction and turn are given, not sampled */
     double given[3]; /* [m], [rad], [rad] */
-    double steps; /* the floor has steps of this height [m]; 0 leaves it as it is */
-    int32_t terrain; /* an `sp_terrain`: what has them */
-    int32_t obstacles; /* how many blocks */
+    double steps; /* height of the steps of the floor [m]; 0 without steps */
+    int32_t terrain; /* sp_terrain: kind of floor with steps */
+    int32_t obstacles; /* number of blocks */
     double obstacle[64][3]; /* x, y, radius [m] */
     double obstacle_height, goal_clearance; /* [m] */
-    int32_t settle_ticks; /* in which the robot comes to lie on a floor that is no plane */
-    double turn_length; /* of a radian [m] */
-    double success_position, success_yaw; /* how near the goal a robot rests at it [m], [rad] */
-    double saturated, rest_time, rest_speed, rest_turn, rest_joint_speed, rest_thrust; /* a servo this close to its largest torque is [Nm]; a rest: [s], [m/s], [rad/s], [rad/s], of the weight */
+    int32_t settle_ticks; /* ticks in which the robot settles on an uneven floor */
+    double turn_length; /* distance equivalent to a radian [m] */
+    double success_position, success_yaw; /* largest errors of a success [m], [rad] */
+    double saturated, rest_time, rest_speed, rest_turn, rest_joint_speed, rest_thrust; /* margin to the torque limit [Nm]; limits of a rest: [s], [m/s], [rad/s], [rad/s], share of the weight */
 } sp_crawl_rules;
 
-/* A robot on the ground: simulated, controlled, and what it is to do. */
+/* A robot on the ground: plant, controller and task. */
 typedef struct {
     sp_plant plant;
     sp_episode episode;
     sp_crawl crawl;
     sp_touch touch;
     double tilt; /* of the torso against the floor [rad] */
-    sp_pose2 way, goal; /* seen from the start; world */
-    int32_t cycles; /* that the way takes; 0 where it is out of reach */
-    double nominal_time; /* where joints and torso go exactly as planned [s] */
+    sp_pose2 way, goal; /* displacement from the start; goal pose, world */
+    int32_t cycles; /* number of gait cycles; 0 where the goal is out of reach */
+    double nominal_time; /* duration if joints and torso follow the plan exactly [s] */
     double error[3]; /* goal − torso, x, y [m], world, and yaw [rad] */
-    double initial_distance, distance; /* to the goal, a radian counting as some metres [m] */
-    int32_t crawled, timeouts, rested; /* ticks; phases timed out; ticks of rest till now */
-    int32_t swinging[4]; /* whether the feet are on their way */
+    double initial_distance, distance; /* to the goal; a radian counts as `turn_length` [m] */
+    int32_t crawled, timeouts, rested; /* ticks; phases that timed out; ticks at rest until now */
+    int32_t swinging[4]; /* whether each foot swings */
     int32_t phase, is_done; /* sp_phase; whether the gait is done */
-    double finished; /* when the gait was done, or without one had rested at the goal [s]; 0 before */
-    double swing_ticks[4], airborne_ticks[4]; /* ticks of the swing; of these in the air */
-    double foot_slip[4], peg_slip[4]; /* ways on the floor [m] */
+    double finished; /* time of the gait's end, in `direct` of the end of the rest at the goal [s]; 0 before */
+    double swing_ticks[4], airborne_ticks[4]; /* ticks in swing; ticks of swing in the air */
+    double foot_slip[4], peg_slip[4]; /* distances slipped on the floor [m] */
     double duct_clearance; /* least so far [m] */
-    int32_t duct_contact; /* whether a duct touched it */
+    int32_t duct_contact; /* whether a duct has touched the floor */
     double saturation, thrust, thrust_peak; /* sums over ticks: saturated joints, thrust over weight; its peak */
     double tilt_legs, tilt_torso; /* largest tilt while legs are lifted, while the torso moves [rad] */
 } sp_crawl_robot;
 
-/* What is counted of robots on the ground. */
+/* Quantities of robots on the ground. */
 typedef struct {
     sp_quantities common;
-    double distance; /* Distance to the goal, a radian counting 0.5 m [m]. */
-    double initial_distance; /* The same at the start [m]. */
-    double position_error; /* Way to the goal [m]. */
-    double yaw_error; /* Turn to the goal, its size [rad]. */
+    double distance; /* Distance to the goal; a radian of yaw error counts as 0.5 m [m]. */
+    double initial_distance; /* Distance to the goal at the start [m]. */
+    double position_error; /* Horizontal distance to the goal [m]. */
+    double yaw_error; /* Absolute yaw error to the goal [rad]. */
     double tilt; /* Angle of the torso against the floor [rad]. */
     double slip; /* Speed of the fastest touching point [m/s]. */
     double duct_touches; /* 1 where a duct touches the floor. */
-    double duct_touched; /* 1 where a duct has touched it in this episode. */
-    double finished; /* When the gait was done, or in `direct` the robot had rested at the goal [s]; 0 before. */
-    double nominal_time; /* How long the preset's gait takes, servos perfect [s]. */
-    double timeouts; /* Phases that ended by time-out. */
-    double airborne; /* Share of its swing in which the worst foot was in the air; 1 before the first swing. */
-    double foot_slip; /* Way of the worst foot's touching point along the floor [m]. */
+    double duct_touched; /* 1 where a duct has touched the floor in this episode. */
+    double finished; /* Time at which the gait was done, or in `direct` the robot had rested at the goal [s]; 0 before. */
+    double nominal_time; /* Duration of the preset's gait with perfect servos [s]. */
+    double timeouts; /* Number of phases that ended by time-out. */
+    double airborne; /* Share of the swing time in which the worst foot was in the air; 1 before the first swing. */
+    double foot_slip; /* Distance that the worst foot has slipped along the floor [m]. */
 } sp_crawl_quantities;
 
-/* What is told of a crawl. */
+/* `info` of a crawl. */
 typedef struct {
     sp_info info;
     double goal_error[3]; /* [m], [m], [rad] */
     double time_s, nominal_time_s, airborne_share, foot_slip_m, peg_slip_m, duct_clearance_m;
     double saturation_share, thrust_fraction, thrust_fraction_mean, thrust_fraction_peak;
     double tilt_rad, cost_of_transport;
-    int32_t phase_code, timeouts, shortfalls_code; /* sp_phase; phases; bits of sp_shortfall */
+    int32_t phase_code, timeouts, shortfalls_code; /* sp_phase; phases that timed out; bits of sp_shortfall */
     uint8_t foot_contact[4];
     uint8_t finished, is_success;
 } sp_crawl_info;
 
-/* What is counted of robots on a course. */
+/* Quantities of robots on a course. */
 typedef struct {
     sp_quantities common;
-    double distance; /* Distance to the goal, a radian counting 0.5 m [m]. */
-    double initial_distance; /* The same at the start [m]. */
-    double position_error; /* Way to the goal [m]. */
-    double yaw_error; /* Turn to the goal, its size [rad]. */
+    double distance; /* Distance to the goal; a radian of yaw error counts as 0.5 m [m]. */
+    double initial_distance; /* Distance to the goal at the start [m]. */
+    double position_error; /* Horizontal distance to the goal [m]. */
+    double yaw_error; /* Absolute yaw error to the goal [rad]. */
     double hit; /* Largest force of the step on anything but feet and pegs [N]. */
     double tilt; /* Angle between the torso's z axis and the vertical [rad]. */
-    double charge; /* What is left of the battery's usable energy, 0 … 1. */
+    double charge; /* Remaining share of the battery's usable energy, 0 … 1. */
     double lies; /* 1 where the robot lies on the floor at rest. */
-    double is_cut; /* 1 where the rotors are cut in the air. */
+    double is_cut; /* 1 where the rotors have been cut in the air. */
     double is_outside; /* 1 where the robot has left the field. */
-    double is_empty; /* 1 where the battery's usable charge is used up. */
+    double is_empty; /* 1 where the battery's usable energy is used up. */
 } sp_course_quantities;
 
 /* The task of a course. */
 typedef struct {
     sp_rules rules;
     sp_manager_config manager;
-    int32_t kinds[7], floors[7]; /* sp_gate_kind that is drawn; SP_GATE_KINDS is a plain floor */
-    int32_t kind_count, floor_count; /* how many they are */
+    int32_t kinds[7], floors[7]; /* sp_gate_kind to sample from; SP_GATE_KINDS is a plain floor */
+    int32_t kind_count, floor_count; /* numbers of kinds and floors */
     int32_t count[2]; /* least and largest number of gates */
-    double size[6][2]; /* drawn in between, by sp_gate_kind [m], [rad] */
+    double size[6][2]; /* ranges by sp_gate_kind [m], [rad] */
     double depth[6]; /* of gates along the course [m] */
-    double first_gap[2], gap[2], goal_way[2]; /* to the first gate, between two, from a floor's begin to the goal [m] */
+    double first_gap[2], gap[2], goal_way[2]; /* ranges: to the first gate, between gates, floor to goal [m] */
     double floor_gap, floor_length, middle, goal_side, goal_yaw; /* [m], the last [rad] */
-    double charge[2]; /* of the battery at the start, drawn in between */
-    int32_t is_waypoint, hold, decide; /* whether an action is a target; ticks of a step; between decisions */
-    double stop[17]; /* limit of each of the quantities, beyond which a step ends */
+    double charge[2]; /* range of the initial charge */
+    int32_t is_waypoint, hold, decide; /* whether an action is a target; ticks of a step; of a decision */
+    double stop[17]; /* limit of each quantity above which a step ends */
     double lies, at_rest; /* [m], [m/s] */
-    double carried, turn_length, success_position, success_yaw; /* of the weight; of a radian [m]; [m], [rad] */
+    double carried, turn_length, success_position, success_yaw; /* of the weight; per radian [m]; [m], [rad] */
 } sp_course_rules;
 
-/* A robot on a course: simulated, controlled, and what it is to do. */
+/* A robot on a course: plant, controller and task. */
 typedef struct {
     sp_plant plant;
     sp_episode episode;
     sp_manager manager;
     sp_pilot pilot;
     sp_course course;
-    int32_t is_given; /* whether it is given, not drawn */
+    int32_t is_given; /* whether the course is given, not sampled */
     double error[3]; /* goal − torso, x, y [m], world, and yaw [rad] */
-    double initial_distance, distance; /* to the goal, a radian counting as some metres [m] */
-    int32_t controls, flown, crawled, lies; /* ticks, in the air, of crawling; whether it lies */
+    double initial_distance, distance; /* to the goal; a radian counts as `turn_length` [m] */
+    int32_t controls, flown, crawled, lies; /* ticks; ticks in the air; ticks of crawling; whether the robot lies */
     int32_t phase; /* sp_manager_phase */
-    double arrived; /* since when it lies at the goal [s]; 0 if it does not */
+    double arrived; /* time since which the robot lies at the goal [s]; 0 if it does not */
     double hit, most_hit, tilt, charge; /* largest force of the last step, of all [N]; [rad]; of the battery */
 } sp_course_robot;
 
-/* What is told of a course. */
+/* `info` of a course. */
 typedef struct {
     sp_info info;
     double goal_error[3]; /* [m], [m], [rad] */
     double distance_m, time_s, flown_s, crawled_s, charge, hit_n, most_hit_n, tilt_rad, thrust_fraction;
-    int32_t phase_code, gate; /* sp_manager_phase; how many gates and floors are behind it */
+    int32_t phase_code, gate; /* sp_manager_phase; number of passed gates and floors */
     uint8_t lies, finished, is_success;
 } sp_course_info;
 

@@ -4,7 +4,7 @@
 
 #include "spidar_structs.h"
 
-/* How many rows each of sp_rows_kind has, and whether the fallback may violate them at a price. */
+/* Number of rows of each sp_rows_kind, and whether the fallback may violate them at a cost. */
 static const int32_t SP_ROWS_COUNTS[8] = {
     0, 6, 24, 16,
     8, 16, 6, 20,

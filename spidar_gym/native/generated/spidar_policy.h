@@ -6,7 +6,7 @@
 
 #define SP_POLICY_KIND SP_POLICY_NONE
 #define SP_POLICY_NAME ""
-#define SP_POLICY_PRESET "" /* whose controller it adds to */
+#define SP_POLICY_PRESET "" /* preset of the controller that it adds to */
 #define SP_POLICY_LAYERS 0
 #define SP_POLICY_SIZES {0}
 #define SP_POLICY_BLOCK 32

@@ -1,11 +1,11 @@
-/* Generated: what crosses the border, configurations, and what the core remembers. */
+/* Generated: structs that Python and C exchange, configurations, and the core's state. */
 #ifndef SPIDAR_STRUCTS_H
 #define SPIDAR_STRUCTS_H
 
 #include <stdint.h>
 #include "spidar_constants.h"
 
-/* What is known of the robot at one instant. */
+/* State of the robot at one instant, true or estimated. */
 typedef struct {
     double time; /* Time since the start [s]. */
     double position_w[3]; /* Origin of the torso in the world [m]. */
@@ -16,57 +16,57 @@ typedef struct {
     double joint_velocity[16]; /* q̇ [rad/s]. */
     double vectoring[16]; /* (8, 2) (φ, θ) of each rotor, unwrapped [rad]. */
     double vectoring_velocity[16]; /* (8, 2) Rates of (φ, θ) [rad/s]. */
-    double thrust[8]; /* λ [N]: what the modules deliver in the simulator, what they were last told on the robot. */
+    double thrust[8]; /* λ [N]: delivered by the modules in the simulator, last commanded on the robot. */
     double joint_torque[16]; /* Torque of the joint servos [Nm]. */
 } sp_robot_state;
 
-/* What the sensors of the real robot have said since the last control tick; counts say how much of it is new. */
+/* Sensor data received since the last control tick; the counts give the number of valid rows. */
 typedef struct {
     double time; /* Time of the control tick [s]. */
-    int32_t pose_count; /* Frames of the motion capture that have arrived: the first rows of the three arrays below. */
-    double pose_time[4]; /* When each frame was taken, shape (4,) [s]. */
+    int32_t pose_count; /* Number of received motion capture frames, which are the first rows of the three arrays below. */
+    double pose_time[4]; /* Time at which each frame was taken, shape (4,) [s]. */
     double pose_position_w[12]; /* (4, 3) Origin of the flight controller in the world, shape (4, 3) [m]. */
     double pose_quat_wb[16]; /* (4, 4) Attitude of the torso (w, x, y, z), shape (4, 4). */
-    int32_t imu_count; /* Samples of the flight controller's inertial unit, oldest first. */
-    double imu_time[8]; /* Shape (8,) [s]. */
+    int32_t imu_count; /* Number of samples of the flight controller's inertial unit, oldest first. */
+    double imu_time[8]; /* Time of each sample, shape (8,) [s]. */
     double gyro_b[24]; /* (8, 3) Angular velocity, torso axes, shape (8, 3) [rad/s]. */
     double specific_force_b[24]; /* (8, 3) Acceleration minus gravity at the flight controller, torso axes, shape (8, 3) [m/s²]. */
-    double encoder_time; /* When the servos were read last [s]. */
+    double encoder_time; /* Time at which the servos were read last [s]. */
     double joint_position[16]; /* Indicated q [rad]. */
-    double joint_torque[16]; /* Torque that the joint servos report [Nm]. */
+    double joint_torque[16]; /* Torque reported by the joint servos [Nm]. */
     double vectoring[16]; /* (8, 2) Indicated (φ, θ) [rad]. */
 } sp_measurement;
 
-/* What the robot should do at one instant. */
+/* Desired motion of the robot at one instant. */
 typedef struct {
     double position_w[3]; /* Desired position of the CoG in the world, r^d [m]. */
     double quat_wb[4]; /* Desired attitude of the torso, R^d (w, x, y, z). */
     double velocity_w[3]; /* Desired velocity of the CoG in the world [m/s]. */
     double omega_b[3]; /* Desired angular velocity, in the desired torso axes [rad/s]. */
-    double joint_target[16]; /* Form to move to [rad]; the controller moves the commanded joints there at the joint speed. */
+    double joint_target[16]; /* Target form [rad]; the controller moves the commanded joints there at the joint speed. */
     int32_t mode; /* Name of the allocation mode, see `spidar_gym.control.allocation.modes`. */
-    int32_t lost_thrust[8]; /* Modules declared lost, whose thrust is gone: the allocation does without them. */
-    int32_t lost_vectoring[8]; /* Modules whose φ and θ no longer move: the allocation uses their thrust where it points. */
+    int32_t lost_thrust[8]; /* Modules reported to have no thrust; the allocation sets their forces to zero. */
+    int32_t lost_vectoring[8]; /* Modules whose φ and θ no longer move; the allocation uses their thrust in its present direction. */
     double acceleration_w[3]; /* Desired acceleration of the CoG in the world [m/s²]. */
     double alpha_b[3]; /* Desired angular acceleration, in the desired torso axes [rad/s²]. */
-    double support; /* Share of the robot that the floor carries, 0 … 1: the rotors give as much less, and neither integrals nor the observer learn from what happens. */
+    double support; /* Share of the weight that the floor carries, 0 … 1: the rotor forces are scaled by 1 − support. Above 0 the integrals and the observer are not updated. */
 } sp_reference;
 
-/* What a learned policy adds to the controller: the only door it gets. All zero changes nothing, bit for bit. */
+/* Additions of a learned policy to the controller. A zero residual changes nothing, bit for bit. */
 typedef struct {
     double wrench[6]; /* Added to the desired wrench before the allocation, force [N] and torque [Nm], shape (6,). */
     double joint_offset[16]; /* Added to the joint targets [rad], shape (16,). */
     double joint_speed_scale; /* Factor on the planned joint speed, on the ground the rate of the phases; the servo's own limit stays. */
-    int32_t has_forces_l; /* Whether the next field counts. */
+    int32_t has_forces_l; /* Whether the next field is valid. */
     double forces_l[24]; /* (8, 3) Added to the allocated rotor forces, link axes [N], shape (8, 3); the sum is moved to the nearest valid point. */
-    int32_t has_leg_forces_b; /* Whether the next field counts. */
-    double leg_forces_b[12]; /* (4, 3) On the ground the same by leg, torso axes [N], shape (4, 3); the two rotors of a leg share it. */
-    double raise_scale; /* On the ground: factor on how far the next step raises the legs. */
+    int32_t has_leg_forces_b; /* Whether the next field is valid. */
+    double leg_forces_b[12]; /* (4, 3) On the ground: force added to each leg, torso axes [N], shape (4, 3); the two rotors of a leg share it. */
+    double raise_scale; /* On the ground: factor on the height to which the next step raises the legs. */
     double stride_scale; /* On the ground: factor on the next stride, within the reach. */
-    double lift_scale; /* On the ground: factor on how high the next torso motion lifts it. */
+    double lift_scale; /* On the ground: factor on the lift of the next torso motion. */
 } sp_residual;
 
-/* What the actuators are told for one control period. */
+/* Setpoints of the actuators for one control period. */
 typedef struct {
     double thrust[8]; /* λ^d [N]. */
     double vectoring[16]; /* (8, 2) (φ^d, θ^d), unwrapped [rad]. */
@@ -81,10 +81,10 @@ typedef struct {
     double yaw; /* Counter-clockwise [rad]. */
 } sp_pose2;
 
-/* Which rotors have their φ held, and where. */
+/* State of the φ lock of each rotor. */
 typedef struct {
-    int32_t vertical[8]; /* The link is near vertical (with hysteresis). */
-    int32_t active[8]; /* φ is held: near a vertical link, restricted by interference, or on its way back from either. */
+    int32_t vertical[8]; /* Whether the link is near vertical (with hysteresis). */
+    int32_t active[8]; /* Whether φ is held: near a vertical link, restricted by interference, or on its way back from either. */
     double phi[8]; /* The held angle [rad]; where `active` is False, the angle last commanded. */
 } sp_lock;
 
@@ -104,25 +104,25 @@ typedef struct {
     double omega_b[3]; /* e_ω [rad/s], torso axes. */
 } sp_motion_error;
 
-/* What one tick asks of the allocation: everything that the blocks may read. */
+/* Inputs of the allocation in one tick: everything that the blocks may read. */
 typedef struct {
-    double wrench[6]; /* Desired wrench w^d in {CoG} [N, Nm]; on the ground what holds the weight. */
-    double thrust_map[216]; /* (6, 36) Q: forces → wrench in {CoG}; 24 columns for the rotors in link axes, and 12 for the feet where they carry. */
-    double torque_map[576]; /* (16, 36) T: forces → joint torque that they take off the servos; τ_q = g − T f. */
+    double wrench[6]; /* Desired wrench w^d in {CoG} [N, Nm]; on the ground the wrench that holds the weight. */
+    double thrust_map[216]; /* (6, 36) Q: forces → wrench in {CoG}; 24 columns for the rotors in link axes, and 12 for the feet if they carry. */
+    double torque_map[576]; /* (16, 36) T: forces → joint torque that the forces provide; τ_q = g − T f. */
     double gravity_torque[16]; /* g: joint torque that holds the links without thrust [Nm]. */
     int32_t locked[8]; /* Rotors whose φ is held. */
-    double phi[8]; /* Where it is held [rad]. */
+    double phi[8]; /* Held φ of the locked rotors [rad]. */
     int32_t restricted[8]; /* Rotors restricted by interference, 𝓘. */
     double lower[8]; /* Lower bounds of θ [rad], read where restricted. */
     double upper[8]; /* Upper bounds of θ [rad], read where restricted. */
-    int32_t lost[8]; /* Rotors that give no force. */
-    int32_t lifted[4]; /* Legs whose joint torque counts; what a leg on the ground feels is between it and the floor. */
-    double com_b[3]; /* CoG seen from the torso's origin [m]: takes a wrench from {CoG} to {B}. */
-    double R_bf[9]; /* (3, 3) Axes of the floor, seen from the torso. */
-    double effort[8]; /* Weight of each rotor's ‖f‖² where power is to be saved. */
+    int32_t lost[8]; /* Rotors without force. */
+    int32_t lifted[4]; /* Legs whose joint torque is allocated; that of other legs depends on floor forces that are not modelled. */
+    double com_b[3]; /* Position of the CoG from the torso's origin [m], which transforms a wrench from {CoG} to {B}. */
+    double R_bf[9]; /* (3, 3) Rotation from floor axes to torso axes. */
+    double effort[8]; /* Weight of each rotor's ‖f‖² in the power cost. */
 } sp_demand;
 
-/* Gains as flown [JSK]; every gain gives an acceleration, so none depends on mass or form. */
+/* Gains as flown [JSK]; every gain yields an acceleration, so none depends on mass or form. */
 typedef struct {
     double position_gains[9]; /* (3, 3) k_{f,p} [1/s²], k_{f,i} [1/s³], k_{f,d} [1/s] of x, y and z. */
     double attitude_gains[9]; /* (3, 3) k_{τ,p} [1/s²], k_{τ,i} [1/s³], k_{τ,d} [1/s] about x, y and z. */
@@ -134,171 +134,171 @@ typedef struct {
     double max_angular_acceleration; /* The attitude's terms and their sum are clipped to ± this [rad/s²]. */
 } sp_centroidal_config;
 
-/* Which of them act, and how strongly; all zero is the paper's controller, bit for bit. */
+/* Gains and time constants of the compensations; all zero is the paper's controller, bit for bit. */
 typedef struct {
-    double momentum_gain; /* Share of the legs' angular momentum rate that the torque feeds forward; 0 is off [Orin2013]. */
-    double momentum_filter; /* Time constant of its first-order filter [s]. */
-    double servo_bandwidth; /* Natural frequency of the model of the joint servos that drives it [rad/s]. */
-    double vectoring_lead; /* The force is pointed where its link will be this much later [s]; 0 is off. */
+    double momentum_gain; /* Share of the legs' angular momentum rate that is fed forward as a torque; 0 is off [Orin2013]. */
+    double momentum_filter; /* Time constant of the first-order filter of that torque [s]. */
+    double servo_bandwidth; /* Natural frequency of the joint servo model that predicts the legs' momentum [rad/s]. */
+    double vectoring_lead; /* Forces are expressed in the link axes predicted for this much later [s]; 0 is off. */
     double observer_gain; /* Share of the observed external wrench that is cancelled; 0 is off [DeLuca2006] [Zhao2020]. */
     double observer_time; /* Time constant of the observer [s]. */
-    int32_t observer_beyond; /* Whether it looks at the error's momentum and at what is asked beyond what is fed forward: so no belief about the rotors can take the legs' own torque, or a path's, for a disturbance. */
-    int32_t observer_order; /* Order of its low-pass: 1, or 2 for two alike in series, which passes less noise and answers later. */
-    double observer_lag; /* Time constant of the model of the rotors that the observer believes in [s]. */
-    double torque_observer_gain; /* Share of the observed torque that is cancelled; 0: as of the force. */
-    double torque_observer_time; /* Time constant of the observer of the torque [s]; 0: as of the force. */
-    double torque_observer_lag; /* That of the rotors, as it believes in them [s]; 0: as of the force. */
-    double lead_gain; /* ρ: what the feedback asks for passes 1 + ρ (1 − 1/(1 + T s)), which gives back phase; 0 is off [Franklin2019]. */
-    double lead_time; /* T of it [s]. */
-    double joint_ramp; /* Time in which the commanded joints reach their speed [s]: a limit of the acceleration; 0 is off. */
-    double reference_gain; /* Share of the reference's acceleration that is asked for before there is an error; 0 is off [Lee2010]. */
+    int32_t observer_beyond; /* Whether the observer uses the momentum of the error and excludes the feed-forward wrench, so that errors of its rotor model do not make feed-forward torques appear as a disturbance. */
+    int32_t observer_order; /* Order of the observer's low-pass: 1, or 2 for two equal ones in series, with less noise and more lag. */
+    double observer_lag; /* Time constant of the observer's model of the rotors [s]. */
+    double torque_observer_gain; /* Share of the observed torque that is cancelled; 0: as for the force. */
+    double torque_observer_time; /* Time constant of the observer of the torque [s]; 0: as for the force. */
+    double torque_observer_lag; /* Time constant of the rotor model for the torque [s]; 0: as for the force. */
+    double lead_gain; /* ρ of the lead compensator 1 + ρ (1 − 1/(1 + T s)) on the feedback, which adds phase; 0 is off [Franklin2019]. */
+    double lead_time; /* T of the lead compensator [s]. */
+    double joint_ramp; /* Time in which the commanded joints reach their speed [s], which limits their acceleration; 0 is off. */
+    double reference_gain; /* Share of the reference's acceleration that is fed forward; 0 is off [Lee2010]. */
 } sp_compensation_config;
 
 /* Settings of the solver. */
 typedef struct {
     int32_t max_iter; /* Iteration cap: 2,000 in simulation, 300 on the robot's computer. */
     double tolerance; /* Absolute tolerance of the solver, in scaled units. */
-    double check_tolerance; /* Largest violation of a row that our own check lets pass, in scaled units (1.6 mN of lift, 0.07 mNm of torque). */
+    double check_tolerance; /* Largest allowed violation of a row in a solver's result, in scaled units (1.6 mN of lift, 0.07 mNm of torque). */
     double price; /* Price of a violated row in the softened program, in scaled units. */
 } sp_allocator_config;
 
-/* Thresholds of the interference test; the values that the lab flew [JSK]. */
+/* Thresholds of the interference test; the defaults are the values that the lab flew [JSK]. */
 typedef struct {
     double alpha; /* α̲: a pair inclined by more than this along φ does not interfere [rad] [Zhao2025, Eq. 22]. */
-    double horizon; /* A target seen farther than this from straight below is not met by a hovering rotor [rad]. */
+    double horizon; /* A target farther than this from straight below is ignored: the jet of a hovering rotor misses it [rad]. */
     double rotor_radius; /* Radius of a rotor and of its jet: duct inner radius 0.075 m times 1.2 [m]. */
     double torso_radius; /* Radius of the torso disc [m]. */
     double width; /* A subset of the range narrower than this is not used [rad]. */
     double theta; /* θ̲: a rotor is restricted when a bound comes nearer than this to the vertical [rad] [Zhao2025, Eq. 33]. */
     double hysteresis; /* A restricted rotor is released only when its bound is farther than θ̲ plus this [rad]. */
-    double tie; /* Two subsets whose distances from the vertical differ by less than this tie: the previous side is kept [rad]. */
+    double tie; /* If the distances of two subsets from the vertical differ by less than this, the previous side is kept [rad]. */
 } sp_interference_config;
 
-/* When and how φ is held. */
+/* Thresholds and rates of the φ lock. */
 typedef struct {
     double enter; /* φ is locked when the link comes within this angle of the vertical [rad] [JSK]. */
     double leave; /* φ is released when the link is farther than this from the vertical [rad]. */
-    double slew; /* A held φ moves by at most this much a tick [rad] [JSK]. */
-    double release; /* A φ that is led back is released when φ̂ is this close: what the servo turns in one tick [rad]. */
-    double least; /* Least turn of a φ locked near a vertical link away from φ̂, towards the tangential plane [rad]. */
-    double most; /* Largest turn of a φ locked near a vertical link away from φ̂ [rad]. */
+    double slew; /* A held φ moves by at most this much per tick [rad] [JSK]. */
+    double release; /* A φ that returns to φ̂ is released within this distance, which the servo turns in one tick [rad]. */
+    double least; /* Smallest turn from φ̂ towards the tangential plane of a φ locked near a vertical link [rad]. */
+    double most; /* Largest turn from φ̂ towards the tangential plane of a φ locked near a vertical link [rad]. */
 } sp_lock_config;
 
-/* Everything that can be chosen about the controller. */
+/* Configuration of the flight controller. */
 typedef struct {
     int32_t allocation; /* Name of the allocation's blocks, see `spidar_gym.control.allocation.modes.ALLOCATIONS`. */
-    double joint_speed; /* Speed of the planned joint motion [rad/s]; the servos are told the same limit. */
+    double joint_speed; /* Speed of the planned joint motion [rad/s]; the servos have the same limit. */
     double joint_torque_limit; /* Torque that each joint servo may use [Nm]. */
     double rate_hz; /* Control rate [Hz]. */
-    sp_centroidal_config centroidal; /* Gains. */
-    sp_compensation_config compensation; /* What goes beyond the paper's quasi-static control. */
+    sp_centroidal_config centroidal; /* Gains and limits of the centroidal control. */
+    sp_compensation_config compensation; /* Compensations beyond the paper's quasi-static control. */
     sp_allocator_config allocator; /* Solver settings. */
-    sp_interference_config interference; /* Interference thresholds. */
-    sp_lock_config lock; /* φ lock. */
+    sp_interference_config interference; /* Thresholds of the interference test. */
+    sp_lock_config lock; /* Thresholds and rates of the φ lock. */
 } sp_controller_config;
 
-/* What the gait is made of. */
+/* Configuration of the gait. */
 typedef struct {
-    double inner; /* Start pose, inner pitch: the feet's home is where this pose has them, on the floor [rad]. */
-    double outer; /* Start pose, outer pitch [rad]. */
-    int32_t stride; /* Where feet go: one of `STRIDES`. */
-    double max_distance; /* Longest way of a cycle [m]; the reach may allow less. */
+    double inner; /* Inner pitch of the start pose, which defines the feet's home on the floor [rad]. */
+    double outer; /* Outer pitch of the start pose [rad]. */
+    int32_t stride; /* Stride scheme, one of `STRIDES`. */
+    double max_distance; /* Longest displacement of a cycle [m]; the reach may allow less. */
     double max_turn; /* Largest turn of a cycle [rad]. */
     double raise_angle; /* The inner pitch rises this far above the higher of start and end of the step [rad] [JSK]. */
-    double lift_height; /* The torso moves at this height above where it lay [m] [Zhao2025, Sec. Crawling Motion]. */
-    double press; /* Feet and torso are sent this far below the floor, so that they arrive [m]. */
+    double lift_height; /* The torso moves at this height above its lying position [m] [Zhao2025, Sec. Crawling Motion]. */
+    double press; /* Targets of feet and torso are this far below the floor to ensure contact [m]. */
     double swing_at; /* The swing begins at this share of the raise. */
     double lower_at; /* Legs are lowered when yaw and outer pitch are this close to their targets [rad]. */
-    double forward_at; /* The torso moves on at this share of its lift. */
-    double down_at; /* The torso goes down at this share of its way. */
-    double start_time; /* Time in which thrust takes over from rest before anything moves [s]. */
-    double spool_time; /* Time in which thrust takes over from the mode before it, before anything moves [s]. */
-    double settle_time; /* Time in which thrust fades after the torso has come down [s]; 0 goes on to the next cycle without a rest. */
-    double leg_touch_time; /* Feet have touched down when the inner pitches are near their targets and still for so long [s]. */
-    double torso_touch_time; /* The torso has touched down when it is near its height and still for so long [s]. */
-    double arrival; /* The torso is down its way when it is this close, filtered [m]; it waits for its trim until then. */
-    double stall_time; /* A phase whose plan is at its end goes on where the legs have come to rest for so long, short of it [s]. */
-    double trim_gain; /* Integral gain from the torso's error to where the legs push it [1/s]; 0 is off. */
+    double forward_at; /* The torso moves forward from this share of its lift on. */
+    double down_at; /* The torso is lowered from this share of its displacement on. */
+    double start_time; /* Time in which thrust builds up from rest before the first motion [s]. */
+    double spool_time; /* Time in which thrust changes from the previous mode before a motion [s]. */
+    double settle_time; /* Time in which thrust fades after the torso has been lowered [s]; with 0 the next cycle follows without a rest. */
+    double leg_touch_time; /* Feet have touched down when the inner pitches are near their targets and still for this time [s]. */
+    double torso_touch_time; /* The torso has touched down when it is near its height and still for this time [s]. */
+    double arrival; /* The torso has arrived when its filtered error is below this [m]; until then it waits for its trim. */
+    double stall_time; /* A phase with a completed plan also ends once legs short of their targets have been still for this time [s]. */
+    double trim_gain; /* Integral gain from the torso's error to the trim of its target [1/s]; 0 is off. */
     double trim_limit; /* Largest trim [m]. */
-    int32_t rolling; /* Whether the kinematics know that the feet are balls, which roll as their legs turn. */
-    double timeout; /* A phase that has not ended by then ends [s]. */
+    int32_t rolling; /* Whether the kinematics include that the feet are balls, which roll as their legs turn. */
+    double timeout; /* Longest duration of a phase without a fixed time [s]. */
 } sp_gait_config;
 
-/* Everything that can be chosen about the crawl. */
+/* Configuration of the crawler. */
 typedef struct {
     sp_gait_config gait; /* Footsteps and phases. */
-    double joint_speed; /* Speed of the planned joint motion [rad/s]; the servos are told the same limit. */
+    double joint_speed; /* Speed of the planned joint motion [rad/s]; the servos have the same limit. */
     double rate_hz; /* Control rate [Hz]. */
-    double torque_limit; /* τ̄_q of the allocation: what it leaves below the servo's limit moves the legs [Nm]. */
+    double torque_limit; /* τ̄_q of the allocation [Nm]; the margin to the servo's limit moves the legs. */
     double joint_torque_limit; /* Torque that each joint servo may use [Nm]. */
     double torque_weight; /* w₂ of [Zhao2025, Eq. 9] [1/(Nm)²]. */
-    int32_t power; /* Minimise Σ λ^1.5, electrical power, instead of the paper's Σ ‖f‖². */
+    int32_t power; /* Whether to minimise Σ λ^1.5, electrical power, instead of the paper's Σ ‖f‖². */
     double foot_friction; /* Planned friction of the feet. */
     double peg_friction; /* Planned friction of the pegs. */
-    double min_normal; /* Least normal force of all pegs together [N]. */
-    double blend_time; /* Time in which the forces of one mode give way to those of the next [s]. */
+    double min_normal; /* Smallest normal force of all pegs together [N]. */
+    double blend_time; /* Time in which the forces fade from one mode to the next [s]. */
     double feed_forward; /* Share of the allocated joint torque that shifts the servos' setpoints, τ_q / k_{j,p}. */
-    double setpoint_filter; /* Time constant of a filter on the servos' setpoints, which takes jolts out of starts and stops [s]; 0 is off. */
-    double leg_stiffness; /* Thrust answers a lifted leg's error with this much joint torque [Nm/rad]: the paper's future work; 0 is off. */
-    double leg_damping; /* Thrust answers the rate of that error with this much joint torque [Nm s/rad]. */
+    double setpoint_filter; /* Time constant of a filter on the servos' setpoints, which smooths starts and stops [s]; 0 is off. */
+    double leg_stiffness; /* Joint torque by thrust per position error of a lifted leg [Nm/rad]: the paper's future work; 0 is off. */
+    double leg_damping; /* Joint torque by thrust per joint velocity of a lifted leg, opposed to it [Nm s/rad]. */
     sp_allocator_config allocator; /* Solver settings. */
     sp_lock_config lock; /* φ lock near vertical links. */
 } sp_crawler_config;
 
 /* Gains of the corrections. */
 typedef struct {
-    double position; /* Share of a frame's position error that is corrected at once. */
-    double velocity; /* Velocity per position error of a frame [1/s]. */
-    double accelerometer; /* Accelerometer bias per position error of a frame [1/s²]. */
-    double attitude; /* Share of a frame's attitude error that is corrected at once. */
-    double gyro; /* Gyroscope bias per attitude error of a frame [1/s]. */
-    double joint_bandwidth; /* Bandwidth of the joint velocity [rad/s]; one encoder count a reading is 0.08 rad/s. Slower ones are quieter, but what lags is taken for motion of the CoG: at 15 rad/s the error at a joint speed of 1 rad/s doubles. */
-    double vectoring_bandwidth; /* Bandwidth of the vectoring velocity [rad/s]. */
+    double position; /* Share of a frame's position error that is corrected immediately. */
+    double velocity; /* Correction of the velocity per position error of a frame [1/s]. */
+    double accelerometer; /* Correction of the accelerometer bias per position error of a frame [1/s²]. */
+    double attitude; /* Share of a frame's attitude error that is corrected immediately. */
+    double gyro; /* Correction of the gyroscope bias per attitude error of a frame [1/s]. */
+    double joint_bandwidth; /* Bandwidth of the joint velocity filter [rad/s]; one encoder count per reading is 0.08 rad/s. A lower bandwidth reduces noise, but its lag appears as motion of the CoG: at 15 rad/s the error at 1 rad/s joint speed doubles. */
+    double vectoring_bandwidth; /* Bandwidth of the vectoring velocity filter [rad/s]. */
 } sp_estimator_config;
 
-/* Everything that can be chosen about how the gaits give way to each other. */
+/* Configuration of the manager: controllers of both gaits, take-off and landing. */
 typedef struct {
-    sp_controller_config flight; /* Who flies. */
-    sp_crawler_config crawl; /* Who crawls. */
-    double spool_time; /* Time in which the rotors take over from the floor [s]. */
+    sp_controller_config flight; /* Configuration of the flight controller. */
+    sp_crawler_config crawl; /* Configuration of the crawler. */
+    double spool_time; /* Time in which the load shifts from the floor to the rotors [s]. */
     double climb_speed; /* Largest speed of the climb after take-off [m/s]. */
-    double descent_speed; /* Speed at which it comes down [m/s]. */
-    double descent_ease; /* Acceleration with which the descent begins [m/s²]. */
-    double unload_time; /* Time in which the floor takes over from the rotors [s]. */
-    double touch_error; /* The floor is where the robot is so far above its descent [m]; or as the next says. */
-    double touch_force; /* The floor is where an unknown force of such a share of the weight pushes the robot up. */
-    double touch_speed; /* For either it has to fall slower than this share of its descent. */
-    double touch_time; /* For either it has to last so long [s]. */
-    double lost_fall; /* What carried it is no floor where it falls faster than this while the rotors fade [m/s]. */
-    double most_slew; /* Σλ changes by no more than this a tick where the floor is near [N]. */
-    double most_tilt; /* A landing that tilts by more than this is broken off, and begun once more from above [rad]. */
-    double search; /* A descent that finds no floor this far below where it is expected is broken off [m]. */
-    double again; /* A landing that is broken off climbs by this much [m]; after the second one it stays there. */
-    double cut_tilt; /* Tilted by more than this the rotors are cut [rad]. */
-    double clearance; /* The lowest part of a form stays this far above the floor that it took off from [m], and from what it passes. */
+    double descent_speed; /* Speed of the descent [m/s]. */
+    double descent_ease; /* Acceleration at the beginning of the descent [m/s²]. */
+    double unload_time; /* Time in which the load shifts from the rotors to the floor [s]. */
+    double touch_error; /* The floor is detected when the robot is this far above its reference in the descent [m], or by `touch_force`. */
+    double touch_force; /* The floor is detected when the observed upward force exceeds this share of the weight, or by `touch_error`. */
+    double touch_speed; /* The floor is detected only while the robot falls slower than this share of `descent_speed`. */
+    double touch_time; /* The conditions of a detected floor must hold for this time [s]. */
+    double lost_fall; /* The descent resumes if the robot falls faster than this while the rotors fade [m/s]. */
+    double most_slew; /* Largest change of Σλ per tick near the floor [N]. */
+    double most_tilt; /* A landing with a larger tilt is aborted and repeated from above [rad]. */
+    double search; /* A descent that finds no floor is aborted this far below the expected height [m]. */
+    double again; /* Height of the climb after an aborted landing [m]; after the second one the robot stays in the air. */
+    double cut_tilt; /* The rotors are cut at a larger tilt [rad]. */
+    double clearance; /* Smallest distance of a form from the take-off floor and from the sides of a passage [m]. */
 } sp_manager_config;
 
 /* A body of the kinematic tree, and the joint that carries it. */
 typedef struct {
-    int32_t parent, joint; /* its parent, before it in the tree; 0 … 15 are joints, from 16 on vectoring angles */
-    double rotation[9]; /* of the joint in its parent */
-    double position[3], axis[3]; /* of the joint in its parent [m]; in the body's own axes */
+    int32_t parent, joint; /* index of the parent, less than its own; 0 … 15 for joints, then vectoring angles */
+    double rotation[9]; /* attitude of the joint in the parent */
+    double position[3], axis[3]; /* of the joint: in the parent [m]; in the body's axes */
     double mass; /* [kg] */
-    double com[3]; /* in the body's own axes [m] */
-    double inertia[9]; /* about its CoG, in the body's own axes [kg m²] */
+    double com[3]; /* CoG in the body's axes [m] */
+    double inertia[9]; /* about its CoG, in the body's axes [kg m²] */
 } sp_body;
 
 /* The robot's numbers. */
 typedef struct {
     sp_body tree[33]; /* the torso first, every other body after its parent */
-    int32_t joint_body[16]; /* bodies that the joints carry */
-    int32_t link_body[8], rotor_body[8]; /* the links, and the modules at their rotors */
+    int32_t joint_body[16]; /* bodies behind the joints */
+    int32_t link_body[8], rotor_body[8]; /* bodies of the links; of the modules with their rotors */
     double gravity, weight, hover_thrust, max_thrust; /* [m/s²], [N] */
     double max_joint_torque, joint_limit, joint_kp; /* [Nm], [rad], [Nm/rad] */
     double max_vectoring_speed; /* [rad/s] */
     double yaw_axis_xy, yaw_axis_radius, yaw_axis_z, yaw_to_pitch, pitch_to_yaw, pitch_to_foot; /* of a leg [m] */
     double foot_radius, peg_depth; /* [m] */
-    double flight_controller[3]; /* where motion capture and inertial unit look [m] */
+    double flight_controller[3]; /* position of the inertial unit, which motion capture tracks [m] */
 } sp_robot;
 
 /* Model quantities at one configuration, torso axes. */
@@ -310,7 +310,7 @@ typedef struct {
     double rotor_c[8][3]; /* rotor centres from the CoG [m] */
     double J_rotor[8][48]; /* ∂(rotor centre)/∂q, torso held fixed */
     double joint_axes[48]; /* direction of each joint's axis, (3, 16) */
-    double gravity_torque[16]; /* holds the links without thrust [Nm] */
+    double gravity_torque[16]; /* joint torque that holds the links without thrust [Nm] */
     double momentum_map[96]; /* momentum about the CoG per joint velocity, (6, 16) */
     double feet_b[4][3]; /* centres of the foot spheres from the torso's origin [m] */
     double J_foot[4][48]; /* ∂(centre of the sphere)/∂q */
@@ -330,7 +330,7 @@ typedef struct {
 
 /* An allocation mode: its blocks, and its unknowns and rows. */
 typedef struct {
-    sp_program_kind kind; /* which pattern, so which workspace of the solver */
+    sp_program_kind kind; /* its pattern, which selects the solver's workspace */
     int32_t feet_carry, n, m; /* whether foot forces are unknowns; unknowns; rows */
     sp_cost costs[4];
     sp_rows rows[6];
@@ -345,7 +345,7 @@ typedef struct {
     double l[80], u[80];
 } sp_program;
 
-/* The answer of one tick. */
+/* The allocation of one tick. */
 typedef struct {
     double forces_l[24]; /* rotor forces, link axes [N] */
     double foot_forces_f[12]; /* forces of the floor on the feet, floor axes [N] */
@@ -353,15 +353,15 @@ typedef struct {
     double joint_torques[16]; /* quasi-static joint torque [Nm] */
     double wrench[6], unallocated_wrench[6]; /* produced; desired − produced, {CoG} [N, Nm] */
     int32_t status; /* sp_status */
-    int32_t iterations; /* of the solvers, all attempts together */
+    int32_t iterations; /* of the solvers, summed over all attempts */
     double slack; /* largest violation of a softened row, in scaled units */
-    int32_t rows; /* how many of the next are meant */
+    int32_t rows; /* number of valid entries of `active` */
     int32_t active[80]; /* +1 where a row is at its upper bound, −1 at its lower */
 } sp_allocation;
 
-/* What the interior-point method works on: equalities, then sides of rows and spheres. */
+/* Variables of the interior-point method: equalities, then sides of rows and spheres. */
 typedef struct {
-    int32_t equal, sides; /* how many of both */
+    int32_t equal, sides; /* numbers of equalities and of sides */
     double largest; /* bound */
     double x[36];
     int32_t row[80]; /* of an equality */
@@ -372,7 +372,7 @@ typedef struct {
     double miss[168], D[168], product[168];
 } sp_cone;
 
-/* Room for the linear algebra of a tick. */
+/* Scratch memory for the linear algebra of a tick. */
 typedef struct {
     sp_program program, soft;
     double K[25600];
@@ -385,16 +385,16 @@ typedef struct {
     sp_cone cone;
 } sp_workspace;
 
-/* What the compensations remember. */
+/* State of the compensations between ticks. */
 typedef struct {
     double servo_position[16], servo_velocity[16]; /* of the servo model [rad], [rad/s] */
-    int32_t has_momentum, has_observed, has_slow; /* whether there was a tick before */
+    int32_t has_momentum, has_observed, has_slow; /* whether a previous tick exists */
     double momentum[3], torque[3]; /* of the legs [Nms]; feed-forward [Nm] */
     double observed_momentum[6]; /* of the robot, world axes */
     double delivered_w[6], external_w[6], residual_w[6], fed_w[6], slow_w[6]; /* wrenches, world axes */
 } sp_compensation_memory;
 
-/* All that the flight controller remembers from one tick to the next. */
+/* State of the flight controller between ticks. */
 typedef struct {
     double position_integral_w[3], attitude_integral[3]; /* [m s], [rad s] */
     sp_lock lock;
@@ -407,7 +407,7 @@ typedef struct {
     sp_compensation_memory compensation;
 } sp_flight_memory;
 
-/* What the controller makes of a state. */
+/* Quantities that the controller computes from a state. */
 typedef struct {
     double R_wb[9]; /* attitude of the torso */
     sp_snapshot snapshot;
@@ -420,7 +420,7 @@ typedef struct {
     sp_flight_memory memory;
     sp_mode mode;
     double dt; /* length of a tick [s] */
-    int32_t ticked; /* whether there is a last tick */
+    int32_t ticked; /* whether a previous tick exists */
     sp_control_state control;
     sp_demand demand;
     double wrench_desired[6]; /* residual included, {CoG} [N, Nm] */
@@ -428,64 +428,64 @@ typedef struct {
     sp_allocation allocation;
 } sp_flight;
 
-/* What a path of the CoG and its heading passes. */
+/* A knot of a path of CoG and heading. */
 typedef struct {
     double time; /* [s] */
     double pose_w[4], rate_w[4], acceleration_w[4]; /* x, y, z and heading; their first and second derivatives */
 } sp_knot;
 
-/* A path of straight legs that is being built. */
+/* A path of straight legs under construction. */
 typedef struct {
-    double point[3]; /* where it is so far [m] */
-    double speed, heading, seconds; /* [m/s]; [rad], and [s] so far */
-    int32_t along, count; /* whether it turns to where it goes; knots */
+    double point[3]; /* its end so far [m] */
+    double speed, heading, seconds; /* [m/s]; heading [rad] and duration [s] so far */
+    int32_t along, count; /* whether the heading follows the path; number of knots */
 } sp_legs;
 
-/* One run through some phases. */
+/* A step of the gait: a sequence of phases. */
 typedef struct {
     int32_t phases; /* sp_phases */
     int32_t has_target;
-    sp_pose2 target; /* where the torso lies at its end, world */
-    int32_t legs[4]; /* 1 where the leg is lifted */
-    int32_t has_angle, has_height; /* whether they are given; else the configuration's */
+    sp_pose2 target; /* pose of the lying torso at its end, world */
+    int32_t legs[4]; /* 1 for a leg that is lifted */
+    int32_t has_angle, has_height; /* whether angle and height are given; else the configuration's apply */
     double angle, height, seconds; /* of the raise [rad], of the lift [m], of the hold [s] */
 } sp_step;
 
-/* All that the gait remembers. */
+/* State of the gait between ticks. */
 typedef struct {
     sp_step steps[256];
-    int32_t first, count; /* a ring: the present step first */
+    int32_t first, count; /* ring: present step, number of steps */
     double plan[16]; /* planned joint setpoints [rad] */
     double position_w[3], slow_w[3]; /* filtered positions of the torso [m] */
     double R_wb[9]; /* attitude of the torso */
     double joints[16]; /* filtered joint angles [rad] */
-    int32_t phase, index; /* sp_phase, and which of the step's */
-    double time, still; /* in the phase; without motion [s] */
-    double target[16], landing[16], highest[16], start[16]; /* joint angles of the legs' way [rad] */
+    int32_t phase, index; /* sp_phase; its index in the step */
+    double time, still; /* time in the phase; time without motion [s] */
+    double target[16], landing[16], highest[16], start[16]; /* joint angles of the legs' motion [rad] */
     double floor_R[9]; /* axes of the floor, world */
-    double floor_w[3]; /* where the torso lay [m] */
-    double feet_f[12]; /* where the feet stand, floor axes [m] */
-    sp_pose2 way; /* of the torso, floor axes */
-    double share, height, lift; /* of the way; planned and largest height [m] */
-    double expected[3]; /* filtered pose where all goes as planned */
+    double floor_w[3]; /* position at which the torso lay [m] */
+    double feet_f[12]; /* positions of the standing feet, floor axes [m] */
+    sp_pose2 way; /* displacement of the torso, floor axes */
+    double share, height, lift; /* covered share of `way`; planned and largest height [m] */
+    double expected[3]; /* filtered pose according to the plan */
     double yaw; /* filtered yaw of the torso [rad] */
-    double trim[3]; /* what the legs push the torso beyond its plan */
-    int32_t rested, timeouts; /* whether it begins from rest; phases that ended by time-out */
-    sp_pose2 planned; /* where the commands end, world */
+    double trim[3]; /* offset of the torso that the legs add to its plan */
+    int32_t rested, timeouts; /* whether it starts from rest; phases that ended by time-out */
+    sp_pose2 planned; /* pose at the end of all commands, world */
 } sp_gait_memory;
 
-/* All that the allocation on the ground remembers. */
+/* State of the allocation on the ground between ticks. */
 typedef struct {
     sp_lock lock;
     double vectoring[16]; /* (φ, θ) last commanded [rad] */
     double forces_l[24]; /* last commanded [N] */
     double joint_torque[16], joint_position[16]; /* last commanded [Nm], [rad] */
     int32_t mode; /* sp_program_kind */
-    double force_gap[24]; /* what the last mode gave beyond the present one [N] */
-    double torque_gap[16]; /* the same of the joint torque [Nm] */
-    double gap; /* how much of both is left, 1 … 0 */
+    double force_gap[24]; /* forces of the last mode minus those of the present one [N] */
+    double torque_gap[16]; /* likewise for the joint torques [Nm] */
+    double gap; /* remaining share of both gaps, 1 … 0 */
     double effort[8]; /* weights of the power cost */
-    int32_t rows; /* how many of the next are meant */
+    int32_t rows; /* number of valid entries of `active` */
     int32_t active[80]; /* rows of the last tick that were active */
 } sp_crawl_memory;
 
@@ -496,36 +496,36 @@ typedef struct {
     sp_crawl_memory memory;
     sp_mode modes[7]; /* by sp_program_kind */
     double dt; /* length of a tick [s] */
-    double home_b[12]; /* where the feet stand at rest [m] */
-    int32_t ticked; /* whether there is a last tick */
+    double home_b[12]; /* positions of the feet at rest [m] */
+    int32_t ticked; /* whether a previous tick exists */
     double R_wb[9]; /* attitude of the torso */
     sp_snapshot snapshot;
     sp_demand demand;
     sp_allocation allocation;
 } sp_crawl;
 
-/* What the manager of both gaits is told to do. */
+/* A command to the manager of both gaits. */
 typedef struct {
-    int32_t kind; /* sp_locomotion_kind; the others are not all read */
-    sp_pose2 pose; /* to crawl to, world */
-    double position_w[3]; /* of the centre of mass, to fly to [m] */
-    int32_t has_form, along; /* whether the next counts; whether it turns to where it flies first */
-    int32_t at_once; /* whether it turns to there from however it moves, and takes the form on the way */
-    double form[16]; /* on the way [rad] */
-    double speed, height, floor; /* of the flight [m/s]; of the take-off [m]; where the floor is expected [m] */
+    int32_t kind; /* sp_locomotion_kind, which selects the members that are read */
+    sp_pose2 pose; /* goal of a crawl, world */
+    double position_w[3]; /* of the CoG, goal of a flight [m] */
+    int32_t has_form, along; /* whether `form` is valid; whether to turn towards the goal first */
+    int32_t at_once; /* whether to turn during the present motion and to change the form in flight */
+    double form[16]; /* joint angles during the flight [rad] */
+    double speed, height, floor; /* of the flight [m/s]; of the take-off [m]; expected height of the floor [m] */
 } sp_waypoint;
 
-/* All that the manager of both gaits remembers. */
+/* State of the manager of both gaits between ticks. */
 typedef struct {
     int32_t phase; /* sp_manager_phase */
-    double time; /* in it [s] */
-    double begin_w[3]; /* where the centre of mass was when it began, or is to be [m] */
-    double quat_wb[4]; /* attitude that is asked for when it begins */
+    double time; /* since its start [s] */
+    double begin_w[3]; /* CoG at its start, or commanded CoG [m] */
+    double quat_wb[4]; /* commanded attitude at its start */
     double yaw; /* heading in flight [rad] */
-    double form[16]; /* that is asked for [rad] */
-    double floor, velocity; /* height of the centre of mass on the floor [m]; rate of the descent [m/s] */
-    double believed, thrust; /* how long there is a floor, or a form asked for [s]; Σλ of the last tick [N] */
-    int32_t failures, rises; /* landings in a row that failed; whether it takes off at the next tick */
+    double form[16]; /* commanded joint angles [rad] */
+    double floor, velocity; /* height of the CoG of the lying robot [m]; rate of the descent [m/s] */
+    double believed, thrust; /* time since floor detection or form command [s]; Σλ of the last tick [N] */
+    int32_t failures, rises; /* failed landings in a row; whether it takes off at the next tick */
 } sp_manager_memory;
 
 /* The manager of both gaits. */
@@ -536,36 +536,36 @@ typedef struct {
     sp_crawl crawl;
     sp_reference reference; /* of the last tick in flight */
     sp_waypoint commands[64]; /* the present one first */
-    int32_t count, knot_count; /* of commands, of knots */
-    sp_knot knots[8]; /* of the present flight; its time begins with the phase */
+    int32_t count, knot_count; /* numbers of commands and of knots */
+    sp_knot knots[8]; /* of the present flight; their time counts from the start of the phase */
     double lying[16]; /* joint angles on the floor [rad] */
-    double lying_height; /* of the centre of mass over a floor on which it lies [m] */
+    double lying_height; /* height of the CoG over the floor when the robot lies [m] */
     sp_snapshot snapshot;
 } sp_manager;
 
-/* A part of a course, from side to side of the field. */
+/* A part of a course, which spans the width of the field. */
 typedef struct {
     int32_t kind; /* sp_gate_kind */
     double begin, end; /* along the course [m] */
-    double size, middle; /* height, clearance, width [m] or angle [rad]; the middle of a slot to the left [m] */
+    double size, middle; /* height, clearance, width [m] or angle [rad]; middle of a slot, left positive [m] */
 } sp_gate;
 
-/* What a map tells of a course. */
+/* The map of a course. */
 typedef struct {
-    int32_t count, dares; /* of gates and floors; whether they may be smaller than what passes them */
+    int32_t count, dares; /* number of gates and floors; whether gates may be smaller than the robot */
     sp_gate gates[8]; /* in the order in which they are passed */
-    sp_pose2 goal; /* where the torso is to lie, world */
-    double tiles[28]; /* their heights, row by row from right to left [m] */
+    sp_pose2 goal; /* goal of the lying torso, world */
+    double tiles[28]; /* heights of the tiles, row by row from right to left [m] */
 } sp_course;
 
-/* Where to, and how. */
+/* Goal of the next motion, and gait and form for it. */
 typedef struct {
-    int32_t flies; /* whether in the air; else on the floor, after a landing if need be */
-    double x, y, z, yaw; /* world; of the CoG in the air, of the torso on the floor [m]; heading there [rad] */
-    double speed, narrow, sweep; /* of the flight [m/s]; from form 1 to form 3; of the legs' first joints [rad] */
+    int32_t flies; /* whether to fly; else to crawl, after a landing if necessary */
+    double x, y, z, yaw; /* of the CoG in flight or the torso on the floor, world [m]; heading there [rad] */
+    double speed, narrow, sweep; /* of the flight [m/s]; form 1 to 3, 0 … 1; of the legs' first joints [rad] */
 } sp_target;
 
-/* Which target is followed. */
+/* The target that is followed. */
 typedef struct {
     int32_t has_target; /* whether there is one */
     sp_target last;
@@ -584,27 +584,27 @@ typedef struct {
     double angles[32], rates[32]; /* joints, then (φ, θ) [rad], [rad/s] */
 } sp_estimator;
 
-/* What a policy in flight is told of the plan. */
+/* The plan ahead as policies in flight observe it. */
 typedef struct {
-    double joint_target[16], next_form[16]; /* to reach now, and after it (the same if none) [rad] */
-    double time_to_next; /* until then; SP_NO_NEXT_FORM if there is none [s] */
-    double ahead_w[12]; /* of the path: where it will be, seen from where it is, world axes [m] */
-    double turn[4]; /* how far its heading will turn until then [rad] */
-    double velocity_w[3], acceleration_w[3]; /* of the path now [m/s], [m/s²] */
+    double joint_target[16], next_form[16]; /* present and next form (equal if none follows) [rad] */
+    double time_to_next; /* until the next form; SP_NO_NEXT_FORM if none follows [s] */
+    double ahead_w[12]; /* points of the path ahead relative to its present point, world axes [m] */
+    double turn[4]; /* turn of the path's heading until these points [rad] */
+    double velocity_w[3], acceleration_w[3]; /* of the path's present point [m/s], [m/s²] */
 } sp_preview;
 
-/* What a learned policy remembers: its last action and what leads to the next. */
+/* State of a learned policy between ticks. */
 typedef struct {
-    int32_t has_momentum, has_joints; /* whether there was a tick before */
-    double action[40]; /* last, as it was applied, in [−1, 1] */
+    int32_t has_momentum, has_joints; /* whether a previous tick exists */
+    double action[40]; /* last applied action, in [−1, 1] */
     double leg_momentum[3]; /* [Nms] */
-    double slow[40]; /* low-passed answers that the washout takes away */
-    double traces[128]; /* low-passes of what it saw */
-    double joints[16]; /* as commanded [rad] */
-    int32_t has_velocity, has_first; /* whether they are remembered */
-    double velocity[3], force[3]; /* of the last tick, of the model of the rotors; torso axes [m/s], [N] */
-    double external[9]; /* external force; the same, and the first integral of the position, without signs */
-    float observation[512]; /* what it saw last */
+    double slow[40]; /* low-passed outputs, which the washout subtracts */
+    double traces[128]; /* low-passed observations */
+    double joints[16]; /* commanded joint angles [rad] */
+    int32_t has_velocity, has_first; /* whether velocity and force are stored; whether the first integral is */
+    double velocity[3], force[3]; /* at the last tick; of the rotor model; torso axes [m/s], [N] */
+    double external[9]; /* external force; its absolute values; absolute first position integral */
+    float observation[512]; /* last observation */
 } sp_policy;
 
 #endif

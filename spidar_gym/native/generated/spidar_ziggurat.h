@@ -1,11 +1,11 @@
-/* Generated: tables from which normal numbers are drawn. */
+/* Generated: tables for sampling normal numbers. */
 #ifndef SPIDAR_ZIGGURAT_H
 #define SPIDAR_ZIGGURAT_H
 
 #include <stdint.h>
 
 #define SP_ZIGGURAT_EDGE 0x1.d3bb48209ad33p+1 /* 3.654152885361009, where the tail begins */
-/* Of each layer: places that are under the curve for sure, distance of two of them, density at its edge. */
+/* For each layer: number of places surely under the curve, distance of two places, density at its edge. */
 static const uint64_t SP_ZIGGURAT_INSIDE[256] = {
     4208095142473578u, 0u, 3387314423973544u, 3838760076542274u,
     4030768804392682u, 4136731738896254u, 4203757248105145u, 4249917568205994u,

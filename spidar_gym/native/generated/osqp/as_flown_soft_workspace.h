@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for as_flown_soft. */
+/* Generated: the workspace of OSQP for as_flown_soft. */
 #ifndef AS_FLOWN_SOFT_WORKSPACE_H
 #define AS_FLOWN_SOFT_WORKSPACE_H
 

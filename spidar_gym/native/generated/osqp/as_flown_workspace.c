@@ -1,4 +1,4 @@
-/* The work space of OSQP for as_flown. */
+/* The workspace of OSQP for as_flown. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"

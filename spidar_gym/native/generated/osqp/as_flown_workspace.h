@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for as_flown. */
+/* Generated: the workspace of OSQP for as_flown. */
 #ifndef AS_FLOWN_WORKSPACE_H
 #define AS_FLOWN_WORKSPACE_H
 

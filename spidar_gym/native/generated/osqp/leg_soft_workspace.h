@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for leg_soft. */
+/* Generated: the workspace of OSQP for leg_soft. */
 #ifndef LEG_SOFT_WORKSPACE_H
 #define LEG_SOFT_WORKSPACE_H
 

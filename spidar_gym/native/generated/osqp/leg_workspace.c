@@ -1,4 +1,4 @@
-/* The work space of OSQP for leg. */
+/* The workspace of OSQP for leg. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"

@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for leg. */
+/* Generated: the workspace of OSQP for leg. */
 #ifndef LEG_WORKSPACE_H
 #define LEG_WORKSPACE_H
 

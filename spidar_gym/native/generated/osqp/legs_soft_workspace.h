@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for legs_soft. */
+/* Generated: the workspace of OSQP for legs_soft. */
 #ifndef LEGS_SOFT_WORKSPACE_H
 #define LEGS_SOFT_WORKSPACE_H
 

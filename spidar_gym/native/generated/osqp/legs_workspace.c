@@ -1,4 +1,4 @@
-/* The work space of OSQP for legs. */
+/* The workspace of OSQP for legs. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"

@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for legs. */
+/* Generated: the workspace of OSQP for legs. */
 #ifndef LEGS_WORKSPACE_H
 #define LEGS_WORKSPACE_H
 

@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for paper_soft. */
+/* Generated: the workspace of OSQP for paper_soft. */
 #ifndef PAPER_SOFT_WORKSPACE_H
 #define PAPER_SOFT_WORKSPACE_H
 

@@ -1,4 +1,4 @@
-/* The work space of OSQP for paper. */
+/* The workspace of OSQP for paper. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"

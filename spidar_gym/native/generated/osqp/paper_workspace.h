@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for paper. */
+/* Generated: the workspace of OSQP for paper. */
 #ifndef PAPER_WORKSPACE_H
 #define PAPER_WORKSPACE_H
 

@@ -1,4 +1,4 @@
-/* The work space of OSQP for projection. */
+/* The workspace of OSQP for projection. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"

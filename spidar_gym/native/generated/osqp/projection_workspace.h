@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for projection. */
+/* Generated: the workspace of OSQP for projection. */
 #ifndef PROJECTION_WORKSPACE_H
 #define PROJECTION_WORKSPACE_H
 

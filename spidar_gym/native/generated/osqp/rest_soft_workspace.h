@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for rest_soft. */
+/* Generated: the workspace of OSQP for rest_soft. */
 #ifndef REST_SOFT_WORKSPACE_H
 #define REST_SOFT_WORKSPACE_H
 

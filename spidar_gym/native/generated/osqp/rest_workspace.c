@@ -1,4 +1,4 @@
-/* The work space of OSQP for rest. */
+/* The workspace of OSQP for rest. */
 #include "types.h"
 #include "algebra_impl.h"
 #include "qdldl_interface.h"

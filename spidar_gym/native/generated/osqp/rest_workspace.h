@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for rest. */
+/* Generated: the workspace of OSQP for rest. */
 #ifndef REST_WORKSPACE_H
 #define REST_WORKSPACE_H
 

@@ -1,4 +1,4 @@
-/* Generated: a work space of OSQP for each pattern, and where its numbers stand in the dense matrices. */
+/* Generated: a workspace of OSQP for each pattern, and the positions of its numbers in the dense matrices. */
 #ifndef SPIDAR_SOLVERS_H
 #define SPIDAR_SOLVERS_H
 
@@ -21,8 +21,8 @@
 
 #define SP_OSQP_VERSION "1.1.3"
 
-/* A work space of OSQP as it was generated, where its solver and its pointers into itself are, and where the
- * entries of P's upper triangle and of A, column by column, stand in the dense matrices. */
+/* A generated workspace of OSQP, the offsets of its solver and of its internal pointers, and the positions
+ * of the entries of P's upper triangle and of A, column by column, in the dense matrices. */
 typedef struct {
     const void *space;
     size_t bytes, solver;
@@ -33,7 +33,7 @@ typedef struct {
 } sp_pattern;
 
 #define SP_ALIGNED(bytes) (((bytes) + 63) / 64 * 64)
-/* Memory that all of them take. */
+/* Memory of all workspaces. */
 #define SP_SOLVERS_BYTES \
     (SP_ALIGNED(sizeof(paper_space)) + \
      SP_ALIGNED(sizeof(paper_soft_space)) + \

@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for stance_soft. */
+/* Generated: the workspace of OSQP for stance_soft. */
 #ifndef STANCE_SOFT_WORKSPACE_H
 #define STANCE_SOFT_WORKSPACE_H
 

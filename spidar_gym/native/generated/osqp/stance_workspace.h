@@ -1,4 +1,4 @@
-/* Generated: the work space of OSQP for stance. */
+/* Generated: the workspace of OSQP for stance. */
 #ifndef STANCE_WORKSPACE_H
 #define STANCE_WORKSPACE_H
 
