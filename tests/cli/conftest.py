@@ -1,4 +1,4 @@
-"""An empty folder to work in, and experiments of the paper that take no time."""
+"""Fixtures: an empty working folder, and instant versions of the paper's experiments."""
 
 import dataclasses
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch) -> Path:
-    """An empty working folder without a display."""
+    """Return an empty working folder; no display is available."""
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
@@ -20,7 +20,7 @@ def here(tmp_path, monkeypatch) -> Path:
 
 @pytest.fixture
 def short_crawl(monkeypatch):
-    """A crawl experiment of one quick cycle."""
+    """Replace the crawl experiment by one fast cycle."""
     from spidar_gym.paper import crawl as crawl_experiment
 
     crawl = crawl_experiment.crawl_paper
@@ -33,7 +33,7 @@ def short_crawl(monkeypatch):
 
 @pytest.fixture
 def still(monkeypatch):
-    """A flight experiment that takes no time: 40 s in which nothing moves."""
+    """Replace the flight experiment by the log of a motionless robot, 40 s long."""
     from spidar_gym.paper import flight as experiments
     from spidar_gym.paper.flight import FlightLog
 

@@ -1,4 +1,4 @@
-"""Pins `spidar assets`: a stale file is named, and files are written whole and only where they are stale."""
+"""Pins `spidar assets`: stale files are named, and only these are written, completely or not at all."""
 
 import shutil
 from pathlib import Path
@@ -20,7 +20,7 @@ NATIVE = ("spidar_structs.h", "spidar_policy.h", "osqp/auxil.c")
 
 @pytest.fixture
 def assets(tmp_path, monkeypatch) -> Path:
-    """A copy of the assets that the command line works on, beside one of the generated C."""
+    """Return a copy of the assets beside a copy of the generated C; the command works on the copies."""
     folder = tmp_path / "checkout" / "assets"
     shutil.copytree(description.assets_dir(), folder)
     shutil.copytree(recipe.GENERATED, folder.parent / "generated")
@@ -32,7 +32,7 @@ def assets(tmp_path, monkeypatch) -> Path:
 
 
 def native_files():
-    """How many C files are generated."""
+    """Return the number of generated C files."""
     return len([path for path in recipe.GENERATED.rglob("*") if path.is_file()])
 
 
@@ -72,7 +72,7 @@ def test_an_asset_that_cannot_be_written_is_one_line_and_leaves_no_half_of_it(as
     assert files(assets) == before
 
 
-def test_c_that_nothing_generates_any_more_is_named_and_goes(assets, capfd):
+def test_c_that_is_not_generated_any_more_is_named_and_removed(assets, capfd):
     old = assets.parent / "generated" / "osqp" / "old_workspace.c"
     old.write_text("int old;\n")
     assert "old_workspace.c is not generated any more; valid: " in refused(capfd, "assets", "--check")
@@ -81,7 +81,7 @@ def test_c_that_nothing_generates_any_more_is_named_and_goes(assets, capfd):
     main(["assets", "--check"])
 
 
-def test_sources_of_another_osqp_are_not_compared_and_one_line_says_so(assets, capfd, monkeypatch):
+def test_sources_of_another_osqp_are_not_compared_and_one_line_states_it(assets, capfd, monkeypatch):
     monkeypatch.setattr(committed, "version", lambda name: "9.9.9")
     (assets.parent / "generated" / "osqp" / "auxil.c").write_text("")
     main(["assets", "--check"])
@@ -108,13 +108,13 @@ def test_an_edited_c_file_is_noticed_and_compiled(tmp_path, capfd, monkeypatch):
         assert line.endswith("valid: the file that `spidar assets` writes")
         main(["assets"])
         assert capfd.readouterr().out.endswith(f"compiled: {own}\n")
-        # This process goes on with what it has loaded; the next one has what was compiled.
+        # This process keeps the library that it has loaded; the next process loads the compiled one.
         assert library.expected_digest().encode() in own.read_bytes()
     finally:
         library.expected_digest.cache_clear()
 
 
-def test_the_files_of_a_robot_of_ones_own_go_into_a_folder_and_nothing_else_is_written(capfd, tmp_path):
+def test_the_files_of_a_custom_robot_go_into_a_folder_and_nothing_else_is_written(capfd, tmp_path):
     (tmp_path / "own.toml").write_text("pitch_to_foot = 0.6138\n", encoding="utf-8")
     before = {path: path.read_bytes() for path in assets_dir().rglob("*.*ml")}
     main(["assets", "--robot", str(tmp_path / "own.toml"), "--out", str(tmp_path / "own")])

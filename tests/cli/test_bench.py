@@ -1,4 +1,4 @@
-"""Pins the benchmark: every figure is there and is a time; how long anything takes is not tested."""
+"""Pins `spidar bench`: every figure is present and a valid time; the speed itself is not tested."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_a_measurement_orders_its_figures():
     assert 0.0 < timing["best"] <= timing["median"] <= timing["p99"]
 
 
-def test_the_help_says_where_learners_are_timed(capfd):
+def test_the_help_names_the_command_that_times_learners(capfd):
     with pytest.raises(SystemExit) as stop:
         main(["bench", "--help"])
     assert stop.value.code == 0

@@ -1,4 +1,4 @@
-"""Pins `spidar leaderboard held-out`: one command, a whole file or none, its page, and one line for every refusal."""
+"""Pins `spidar leaderboard held-out`: a complete file or none, its page, and one line for every refusal."""
 
 import json
 from dataclasses import replace
@@ -18,21 +18,21 @@ SEED = str(ROOT / "baselines" / "learned" / "supervised_paper" / "seed0.npz")
 
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch) -> Path:
-    """A working folder, and two conditions: flights of one and a half seconds, crawls of a tenth of one."""
+    """Return a working folder; there are two conditions, with flights of 1.5 s and crawls of 0.1 s."""
     monkeypatch.chdir(tmp_path)
     draw_held_out.cache_clear()
     every, short = dict(CONDITIONS), {"duct-fast2": 1.5, "delay-crawl": 0.1}
     CONDITIONS.clear()
     CONDITIONS.update({name: replace(every[name], seconds=seconds) for name, seconds in short.items()})
     yield tmp_path
-    # In their order again, which the tables have.
+    # Restores their order, which is that of the tables.
     CONDITIONS.clear()
     CONDITIONS.update(every)
     draw_held_out.cache_clear()
 
 
 def held_out(*more) -> None:
-    """The command with two scenarios, in this process."""
+    """Run the command with two scenarios, in this process."""
     main(["leaderboard", "held-out", "--rows", str(ROOT / "baselines" / "scores"), "--scenarios", "2", "--workers", "1",
           *more])  # fmt: skip
 
@@ -41,7 +41,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-def test_a_candidate_is_played_beside_whom_it_adds_to_and_what_it_loses_at_most_is_said(here, capfd):
+def test_a_candidate_is_evaluated_beside_its_controller_and_its_worst_loss_is_printed(here, capfd):
     held_out("--policy", SEED, "--out", "t.json")
     out = capfd.readouterr().out
     content = read_content(here / "t.json")
@@ -63,7 +63,7 @@ def test_a_candidate_against_another_row_and_as_json(here, capfd):
     ]  # fmt: skip
 
 
-def test_the_same_command_again_plays_nothing_and_gives_the_same_bytes(here, capfd, monkeypatch):
+def test_the_same_command_again_evaluates_nothing_and_writes_the_same_bytes(here, capfd, monkeypatch):
     held_out("--names", "qp")
     before = (here / "out" / "held_out.json").read_bytes()
 
@@ -75,7 +75,7 @@ def test_the_same_command_again_plays_nothing_and_gives_the_same_bytes(here, cap
     assert (here / "out" / "held_out.json").read_bytes() == before
 
 
-def test_interrupted_it_leaves_no_table_and_says_how_to_go_on(here, capfd, monkeypatch):
+def test_an_interruption_leaves_no_table_and_prints_how_to_resume(here, capfd, monkeypatch):
     play, played = module.play_episodes, []
 
     def interrupted(episodes):
@@ -88,7 +88,7 @@ def test_interrupted_it_leaves_no_table_and_says_how_to_go_on(here, capfd, monke
     with pytest.raises(SystemExit) as stop:
         held_out("--names", "qp", "--cache", "kept")
     assert stop.value.code == 130
-    words = "spidar: interrupted; 2 of 4 episodes kept in kept; the same command goes on"
+    words = "spidar: interrupted; 2 of 4 episodes kept in kept; the same command resumes"
     assert words in capfd.readouterr().err
     assert not (here / "out").exists()
     assert len(files(here / "kept")) == 2
@@ -107,7 +107,7 @@ def test_the_committed_table_is_shown_on_its_page_too(here, capfd):
 @pytest.mark.parametrize(
     ("arguments", "valid"),
     [
-        (["--names", "nobody"], "unknown row 'nobody'; valid: qp, "),
+        (["--names", "missing"], "unknown row 'missing'; valid: qp, "),
         (["--names", "qp", "--against", "tuned"], "expected a candidate"),
         (["--policy", SEED, "--against", "rl"], "unknown row or preset 'rl'; valid: qp, "),
         (["--policy", "nothing.npz"], "nothing.npz"),
@@ -134,8 +134,8 @@ def test_its_help_names_every_option(capfd):
     out = capfd.readouterr().out
     options = ("--rows", "--names", "--policy", "--against", "--scenarios", "--out", "--cache", "--workers", "--trust")
     assert all(option in out for option in options)
-    assert "nobody trains or chooses by" in out
+    assert "never used for training or tuning" in " ".join(out.split())
 
 
 def test_the_commands_page_names_it():
-    assert "`spidar leaderboard held-out`" in (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    assert "`held-out`" in (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")

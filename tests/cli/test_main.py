@@ -1,4 +1,4 @@
-"""Pins the command line: help with units, one line for every error and nothing written."""
+"""Pins the command line: help with units; every error is one line and writes nothing."""
 
 import ctypes.util
 import os
@@ -52,8 +52,8 @@ def test_every_command_has_help_and_every_quantity_a_unit(command, capfd):
     quantities = [option for option in options if re.match(r"--\S+ (\{None\}\|)?FLOAT", option)]
     counts = {"run": 13, "view": 12, "paper crawl": 4, "bench": 1, "eval": 1, "export": 1}
     assert len(quantities) == counts.get(" ".join(command), 0)
-    # A strength has no unit, but a range; friction has neither. Degrees exist on the command line only, and it says so.
-    unit = r"\[(s|1/s|rad/s|m/s|N|m|degrees; radians in gymnasium\.make)\]|0 … 1\b|Sliding friction|like the next two"
+    # A strength has a range instead of a unit; friction has neither. Degrees exist on the command line only.
+    unit = r"\[(s|1/s|rad/s|m/s|N|m|degrees; radians in gymnasium\.make)\]|0 … 1\b|Sliding friction"
     assert all(re.search(unit, option) for option in quantities)
 
 
@@ -64,7 +64,7 @@ def test_the_help_names_every_command(capfd):
     assert all(f"• {name} " in out for name in NAMES)
 
 
-def test_list_names_everything_there_is_and_prints_a_page_by_id(capfd):
+def test_list_names_everything_and_prints_a_page_by_id(capfd):
     main(["list"])
     out = capfd.readouterr().out
     assert {import_id(name) for name in ENVIRONMENTS} <= set(re.split(r"[\s,]+", out))
@@ -76,7 +76,7 @@ def test_list_names_everything_there_is_and_prints_a_page_by_id(capfd):
         assert capfd.readouterr().out == page(name) + "\n"
 
 
-def test_the_version_is_that_of_the_package_and_of_everything_that_it_rests_on(capfd):
+def test_the_versions_are_those_of_the_package_and_of_its_dependencies(capfd):
     main(["--version"])
     found = dict(line.split() for line in capfd.readouterr().out.splitlines())
     assert found["spidar-gym"] == spidar_gym.__version__
@@ -86,7 +86,7 @@ def test_the_version_is_that_of_the_package_and_of_everything_that_it_rests_on(c
 
 
 def run(*arguments, **environment):
-    """The command line in a process of its own."""
+    """Run the command line in a separate process."""
     code = "import sys; from spidar_gym.cli.main import main; main(sys.argv[1:])"
     return subprocess.run(
         [sys.executable, "-c", code, *arguments], env=os.environ | environment, capture_output=True, text=True,
@@ -95,7 +95,7 @@ def run(*arguments, **environment):
 
 
 @pytest.mark.parametrize("named", ["foo", "disable", "osmesa", "glfw"])
-def test_a_library_for_drawing_that_is_none_stops_nothing_but_drawing(named, here):
+def test_a_missing_opengl_library_stops_nothing_but_drawing(named, here):
     listed = run("list", MUJOCO_GL=named)
     assert listed.returncode == 0, listed.stderr
     assert "spidar_gym/Hover-v0" in listed.stdout
@@ -110,21 +110,21 @@ def test_a_library_for_drawing_that_is_none_stops_nothing_but_drawing(named, her
 
 
 def test_characters_that_a_terminal_lacks_become_question_marks():
-    told = run("list", "spidar_gym/Hover-v0", PYTHONIOENCODING="ascii")
-    assert (told.returncode, told.stderr) == (0, "")
-    assert told.stdout == page("spidar_gym/Hover-v0").encode("ascii", "replace").decode() + "\n"
+    done = run("list", "spidar_gym/Hover-v0", PYTHONIOENCODING="ascii")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == page("spidar_gym/Hover-v0").encode("ascii", "replace").decode() + "\n"
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_a_full_output_is_one_line(unbuffered):
     code = "import sys; from spidar_gym.cli.main import main; main(['list', 'spidar_gym/Hover-v0'])"
     with open("/dev/full", "w", encoding="utf-8") as full:
-        told = subprocess.run(
+        done = subprocess.run(
             [sys.executable, "-c", code], stdout=full, stderr=subprocess.PIPE, text=True, check=False,
             env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
         )  # fmt: skip
-    assert told.returncode == 2
-    (line,) = told.stderr.splitlines()
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
     assert line.startswith("spidar: cannot write the standard output: No space left on device; valid: ")
 
 
@@ -135,25 +135,25 @@ def test_python_without_docstrings_and_assertions_makes_environments_and_writes_
         "gymnasium.make('spidar_gym/Hover-v0').close()\n"
         "main(['list', 'spidar_gym/Hover-v0'])"
     )
-    told = subprocess.run([sys.executable, "-OO", "-c", code], capture_output=True, text=True, check=False)
-    assert (told.stdout, told.stderr) == (page("spidar_gym/Hover-v0") + "\n", "")
+    done = subprocess.run([sys.executable, "-OO", "-c", code], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == (page("spidar_gym/Hover-v0") + "\n", "")
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_reader_that_goes_is_answered_without_a_word(unbuffered):
+def test_a_closed_pipe_ends_the_command_silently(unbuffered):
     code = "import sys; from spidar_gym.cli.main import main; main(['list', 'spidar_gym/Hover-v0'])"
     reader, writer = os.pipe()
     os.close(reader)
-    told = subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-c", code], stdout=writer, stderr=subprocess.PIPE, text=True, check=False,
         env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
     )  # fmt: skip
     os.close(writer)
-    assert told.stderr == ""
-    assert told.returncode == 141
+    assert done.stderr == ""
+    assert done.returncode == 141
 
 
-def test_a_pipe_that_breaks_elsewhere_is_not_taken_for_the_readers_leave(monkeypatch):
+def test_the_error_of_another_broken_pipe_is_raised(monkeypatch):
     monkeypatch.setattr(cli, "versions", lambda *_: (_ for _ in ()).throw(BrokenPipeError("a worker's")))
     with pytest.raises(BrokenPipeError, match="a worker's"):
         main(["--version"])
@@ -195,7 +195,7 @@ def test_a_pipe_that_breaks_elsewhere_is_not_taken_for_the_readers_leave(monkeyp
         (["run", "--action-mode", "mine"], ", ".join(ACTION_MODES)),
         (["run", "--action-mode", "residual_gait"], ", ".join(ACTION_MODES)),
         (["run", "spidar_gym/Crawl-v0", "--action-mode", "mine"], ", ".join(CRAWL_MODES)),
-        (["run", "--policy", LEARNED, "--action-mode", "residual"], "which chooses residual_wrench"),
+        (["run", "--policy", LEARNED, "--action-mode", "residual"], "which selects residual_wrench"),
         *((["run", "--randomization", v], "within 0 … 1") for v in ("-0.1", "1.5", "nan")),
         *((["run", "--wind", v], "at least 0 [m/s]") for v in ("-1", "nan", "inf")),
         *((["run", "--push", v], "at least 0 [N]") for v in ("-1", "nan")),
@@ -203,10 +203,10 @@ def test_a_pipe_that_breaks_elsewhere_is_not_taken_for_the_readers_leave(monkeyp
         (["run", "--lost-rotor", "2.5"], "--lost-rotor = '2.5' is not valid; expected a whole number: Module"),
         (["run", "--lost-rotor", "3", "--fault", "engine"], "thrust, vectoring"),
         (["run", "--seconds", "0.1", "--seed", "-1"], "at least 0"),
-        (["run", "--policy", "nobody"], "module:Class, or the path of an artifact"),
+        (["run", "--policy", "missing"], "module:Class, or the path of an artifact"),
         (["run", "--policy", "none.npz"], "none.npz"),
         (["run", "spidar_gym/Crawl-v0", "--policy", LEARNED], "this one is for spidar_gym/Hover-v0"),
-        (["run", "--policy", LEARNED, "--preset", "tuned"], "nothing beside this policy, which chooses paper"),
+        (["run", "--policy", LEARNED, "--preset", "tuned"], "no value with this policy, which selects paper"),
         (["run", "--camera", "back", "--seconds", "0.1"], "fixed, chase, side, front, top"),
         (["run", "--camera", "back", "--seconds", "0.1", "--out", "films/x.mp4"], "fixed, chase, side, front, top"),
         *(
@@ -214,9 +214,9 @@ def test_a_pipe_that_breaks_elsewhere_is_not_taken_for_the_readers_leave(monkeyp
             for v in ("0", "-0.2", "nan", "inf")
         ),
         (["run", "--joint-speed", "fast"], "--joint-speed = 'fast' is not valid; expected a number: Joint"),
-        (["paper", "crawl", "--distance", "far"], "--distance = 'far' is not valid; expected a number: How far [m]"),
-        (["run", "--episodes", "1.5"], "expected a whole number: How many episodes"),
-        (["eval", "--scenarios", "x"], "--scenarios = 'x' is not valid; expected a whole number: How many"),
+        (["paper", "crawl", "--distance", "far"], "--distance = 'far' is not valid; expected a number: Distance to"),
+        (["run", "--episodes", "1.5"], "expected a whole number: Number of episodes"),
+        (["eval", "--scenarios", "x"], "--scenarios = 'x' is not valid; expected a whole number: Number of"),
         (["run", "--seed"], "Missing value for argument '--seed'"),
         (["run", "--episodes", "0"], "at least 1"),
         *((["run", "--seconds", v], "at least one tick, 0.025 s") for v in ("0", "-1", "nan", "inf", "0.01")),

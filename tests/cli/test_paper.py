@@ -1,4 +1,4 @@
-"""Pins `spidar paper`: JSON alone on stdout, figures where they can be drawn, nothing half-written."""
+"""Pins `spidar paper`: only JSON on stdout with --json, figures where libraries allow, no partial files."""
 
 import json
 import math
@@ -39,7 +39,7 @@ def test_paper_alone_flies_and_crawls_and_prints_both_tables(still, short_crawl,
     ]  # fmt: skip
 
 
-def test_the_crawl_prints_exactly_one_json_object_with_every_figure_that_is_asked_for(short_crawl, here, capfd):
+def test_the_crawl_prints_exactly_one_json_object_with_every_figure(short_crawl, here, capfd):
     main(["paper", "crawl", "--json", "--no-video", "--out", "a"])
     result = json.loads(capfd.readouterr().out)
     assert set(result) == {"crawl", "paper"}
@@ -56,7 +56,7 @@ def test_the_crawl_prints_exactly_one_json_object_with_every_figure_that_is_aske
 
 
 @pytest.mark.parametrize("what", ["film_take", "flight_figure"])
-def test_without_opengl_or_matplotlib_the_flight_finishes_and_says_what_to_install(
+def test_without_opengl_or_matplotlib_the_flight_finishes_and_names_what_to_install(
     what, still, here, capfd, monkeypatch
 ):
     def missing(*_, **__):
@@ -73,7 +73,7 @@ def test_without_opengl_or_matplotlib_the_flight_finishes_and_says_what_to_insta
     assert sorted(files(here)) == ["out/flight/flight.json", *drawn]
 
 
-def test_where_the_renderer_finds_no_opengl_the_flight_says_so(still, here, capfd, monkeypatch):
+def test_a_flight_without_opengl_prints_what_to_install(still, here, capfd, monkeypatch):
     import mujoco
 
     def broken(*_, **__):
@@ -120,7 +120,7 @@ def test_the_real_flight_prints_exactly_one_json_object_on_stdout(here, capfd):
     assert sorted(files(here)) == [f"out/flight/flight.{kind}" for kind in ("json", "png")]
 
 
-def test_the_flight_with_noise_says_so_and_stands_beside_the_papers_rmse(still, here, capfd):
+def test_the_flight_with_noise_is_labelled_and_printed_beside_the_papers_rmse(still, here, capfd):
     outputs = []
     for options in ([], ["--noise", "--seed", "3"]):
         main(["paper", "flight", "--no-video", *options])

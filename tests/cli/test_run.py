@@ -1,4 +1,4 @@
-"""Pins `spidar run`: episodes and their report, what every option changes, and videos whole or not at all."""
+"""Pins `spidar run`: episodes and their report, the effect of every option, and complete videos or none."""
 
 import ctypes.util
 import re
@@ -21,7 +21,7 @@ drawing = pytest.mark.skipif(
 )
 
 
-def test_run_flies_the_episodes_it_was_asked_for_and_reports_each_and_who_stayed_in_the_air(capfd, here):
+def test_run_reports_each_episode_and_the_number_that_stayed_in_the_air(capfd, here):
     main(["run", "--episodes", "2", "--seed", "5", "--seconds", "0.25", "--forms", "form1"])
     *lines, survivors = capfd.readouterr().out.splitlines()
     assert [line.split(",")[0] for line in lines] == ["episode 1 (seed 5): 0.2 s", "episode 2 (seed 6): 0.2 s"]
@@ -29,12 +29,12 @@ def test_run_flies_the_episodes_it_was_asked_for_and_reports_each_and_who_stayed
     assert list(here.iterdir()) == []
 
 
-def test_who_fell_is_not_among_those_who_stayed_in_the_air(capfd, monkeypatch):
-    failed, judged = HoverTask.failed, []
+def test_a_failed_episode_is_not_counted_as_staying_in_the_air(capfd, monkeypatch):
+    failed, checked = HoverTask.failed, []
 
     def tilts_third(task, robots):
-        judged.append(robots.ticks)
-        return failed(task, robots) | {"tilt": np.array([len(judged) == 3])}
+        checked.append(robots.ticks)
+        return failed(task, robots) | {"tilt": np.array([len(checked) == 3])}
 
     monkeypatch.setattr(HoverTask, "failed", tilts_third)
     main(["run", "--episodes", "3", "--seconds", "0.1", "--forms", "form1"])
@@ -49,16 +49,16 @@ def test_one_episode_has_no_line_of_survivors(capfd):
 
 
 @pytest.mark.parametrize("observation", ["goal", "asymmetric"])
-def test_an_episode_is_the_same_however_it_is_observed(observation, capfd):
+def test_an_episode_is_the_same_with_every_observation(observation, capfd):
     flights = []
     for more in ([], ["--observation", observation]):
         main(["run", "--seconds", "0.5", "--forms", "form1", *more])
         flights.append(capfd.readouterr().out)
-    assert (flights[0] == flights[1]) == (observation == "asymmetric")  # a goal rewards in its own way
+    assert (flights[0] == flights[1]) == (observation == "asymmetric")  # a goal has a different reward
     assert flights[0].partition("RMS")[2] == flights[1].partition("RMS")[2] != ""
 
 
-def test_a_goal_where_there_is_none_is_refused(capfd):
+def test_a_goal_in_an_environment_without_goals_is_refused(capfd):
     refused(capfd, "run", "spidar_gym/Path-v0", "--observation", "goal")
 
 
@@ -142,7 +142,7 @@ def test_a_crawl_is_run_until_it_is_finished(here, capfd):
     assert "goal off by" in out
 
 
-def test_on_a_course_the_rule_is_shown_and_what_it_costs(here, capfd):
+def test_on_a_course_the_rule_is_run_and_its_time_and_charge_are_printed(here, capfd):
     main(["run", COURSE, "--seed", "2", "--seconds", "4"])
     (line,) = capfd.readouterr().out.splitlines()
     assert line.startswith("episode 1 (seed 2): 4.0 s")
@@ -151,7 +151,7 @@ def test_on_a_course_the_rule_is_shown_and_what_it_costs(here, capfd):
 
 
 @drawing
-def test_a_film_of_a_course_tells_phase_form_thrust_and_charge_at_its_own_pace(here, monkeypatch):
+def test_a_video_of_a_course_is_faster_and_shows_phase_form_thrust_and_charge(here, monkeypatch):
     takes = []
     shoot = viz.Film.shoot
     monkeypatch.setattr(viz.Film, "shoot", lambda film, *own, **how: (takes.extend(own), shoot(film, *own, **how)))
@@ -171,7 +171,7 @@ def test_a_film_of_a_course_tells_phase_form_thrust_and_charge_at_its_own_pace(h
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
-    """The path of a zip that Stable-Baselines3 saved."""
+    """Return the path of a zip saved by Stable-Baselines3."""
     pytest.importorskip("stable_baselines3", reason="the extra `train` is not installed")
     return str(learned(tmp_path_factory.mktemp("zips") / "model.zip"))
 
@@ -184,7 +184,7 @@ def test_a_trusted_zip_flies_after_a_warning_of_one_line(model, capfd):
         out, err = capfd.readouterr()
         flights.append(out)
         assert ("warning" in err) == bool(who)
-    assert f"spidar: warning: {model} is trusted: whatever code is in it runs now\n" in err
+    assert f"spidar: warning: {model} is trusted: any code in it is run\n" in err
     assert err.count("warning") == 1
     alone, flown = flights
     assert flown.startswith("episode 1 (seed 0): 0.5 s")
@@ -193,9 +193,9 @@ def test_a_trusted_zip_flies_after_a_warning_of_one_line(model, capfd):
 
 @pytest.mark.train
 def test_a_trusted_zip_is_ranked_by_its_path_and_verified(model, here, capfd):
-    asked = ["eval", "--policy", str(model), "--tracks", "flight-paper", "--scenarios", "1", "--trust", "--out", "rows"]
+    call = ["eval", "--policy", str(model), "--tracks", "flight-paper", "--scenarios", "1", "--trust", "--out", "rows"]
     for workers in ("1", "2"):
-        main([*asked, "--workers", workers])
+        main([*call, "--workers", workers])
     (row,) = read_rows(Path("rows")).values()
     assert (row.kind, row.policies) == ("learned", (str(model),))
     capfd.readouterr()
@@ -209,7 +209,7 @@ def test_a_trusted_zip_is_ranked_by_its_path_and_verified(model, here, capfd):
 
 @pytest.mark.train
 @pytest.mark.parametrize("option", ["--policy", "--against"])
-def test_of_a_zip_without_trust_nothing_runs(option, model, here, capfd):
+def test_without_trust_no_code_of_a_zip_runs(option, model, here, capfd):
     trap = here / "trap.zip"
     with open(model, "rb") as file:
         trap.write_bytes(changed(file.read(), observation_space=packed(Trap(here / "sprung"))))
@@ -239,7 +239,7 @@ def test_a_zip_that_learned_elsewhere_is_refused_with_both_shapes(where, sizes, 
 
 
 @pytest.mark.train
-def test_a_zip_of_another_world_is_refused(model, here, capfd):
+def test_a_zip_trained_in_a_foreign_environment_is_refused(model, here, capfd):
     learned(here / "pole.zip", "CartPole-v1")
     with pytest.raises(SystemExit):
         main(["run", "--policy", "pole.zip", "--trust"])
@@ -252,13 +252,13 @@ LOADED = '[[payloads]]\nbody = "link2"\nmass = 1.0\nposition = [0.4, 0.0, 0.0]\n
 
 
 def own_robot(folder, text="pitch_to_foot = 0.6138\n"):
-    """A file of a robot."""
+    """Write the file of a robot."""
     path = folder / "own.toml"
     path.write_text(text, encoding="utf-8")
     return str(path)
 
 
-def test_a_robot_of_ones_own_flies_and_crawls_from_its_file(capfd, here, tmp_path):
+def test_a_custom_robot_flies_and_crawls_from_its_file(capfd, here, tmp_path):
     heights = []
     for robot in ([], ["--robot", own_robot(tmp_path, LOADED)]):
         main(["run", "--seconds", "1", "--forms", "form1", *robot])
@@ -276,11 +276,11 @@ def test_a_robot_of_ones_own_flies_and_crawls_from_its_file(capfd, here, tmp_pat
         ("max_thrust\n", "cannot be read"),
     ],
 )
-def test_a_file_of_no_robot_is_refused_in_one_line(capfd, tmp_path, text, words):
+def test_an_invalid_file_of_a_robot_is_refused_in_one_line(capfd, tmp_path, text, words):
     assert words in refused(capfd, "run", "--robot", own_robot(tmp_path, text))
 
 
-def test_what_was_learned_on_the_nominal_robot_flies_no_other(capfd, tmp_path):
+def test_a_policy_trained_on_the_nominal_robot_is_refused_for_another(capfd, tmp_path):
     words = refused(capfd, "run", "--seconds", "0.1", "--policy", LEARNED, "--robot", own_robot(tmp_path))
     assert "supports only the nominal robot; valid with a custom robot: a preset" in words
     words = refused(capfd, "run", "--seconds", "0.1", "--policy", "baselines.pinv:Pinv", "--robot", own_robot(tmp_path))

@@ -1,4 +1,4 @@
-"""Pins `spidar paper flight` with speeds and ablation, and `spidar tune`, at the command line."""
+"""Pins `spidar paper flight` with --speeds and --ablation, and `spidar tune`."""
 
 import functools
 import json
@@ -17,12 +17,12 @@ from spidar_gym.tune import search
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Flights of the studies that take no time; gives the list of the flights asked for."""
-    asked = []
+    """Replace the flights of the studies by instant ones; returns the list of requested flights."""
+    requested = []
 
     def fly_all(jobs, *, workers=1, folder=None, on_done=lambda: None):
         jobs = list(jobs)
-        asked.extend(jobs)
+        requested.extend(jobs)
         outcomes = []
         for k, (_, scenario) in enumerate(jobs):
             on_done()
@@ -32,7 +32,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(studies, "fly_all", fly_all)
     fewer = functools.partial(statistics.stratified_bootstrap, draws=20)
     monkeypatch.setattr(statistics, "stratified_bootstrap", fewer)
-    return asked
+    return requested
 
 
 @pytest.mark.parametrize("name", ["speeds", "ablation"])
@@ -65,7 +65,7 @@ def test_the_study_of_speed_prints_a_line_for_every_controller_and_cell(quick, h
     assert "pip install something" in err
 
 
-def test_tune_searches_writes_its_state_and_goes_on_where_it_stopped(monkeypatch, here, capfd):
+def test_tune_searches_writes_its_state_and_resumes(monkeypatch, here, capfd):
     pytest.importorskip("cma")
     played = []
 
@@ -81,7 +81,7 @@ def test_tune_searches_writes_its_state_and_goes_on_where_it_stopped(monkeypatch
     arguments = ["tune", "flight", "--population", "4", "--scenarios", "1", "--seed", "3"]
     main([*arguments, "--generations", "1"])
     out = capfd.readouterr().out
-    assert "errors of tuned_v1 over those found" in out
+    assert "errors of tuned_v1 over those of the result" in out
     # Four candidates, the mean of the distribution and the reference, on two tracks each.
     assert len(played) == 6 * 2
     main([*arguments, "--generations", "2"])

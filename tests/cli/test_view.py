@@ -1,4 +1,4 @@
-"""Pins `spidar view`: a window without --web, with it a page, and one line for what fits neither."""
+"""Pins `spidar view`: a window without --web, a page with it, and one line for every refusal."""
 
 import itertools
 import sys
@@ -18,7 +18,7 @@ from spidar_gym.viz.live import serve
 
 @pytest.fixture
 def page(monkeypatch):
-    """What is served for three seconds of a wall that is moved by hand."""
+    """Return a function that serves a page for three seconds of a simulated wall clock."""
     wall, seen = [0.0], []
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(serve.time, "perf_counter", lambda: wall[0])
@@ -42,7 +42,7 @@ def page(monkeypatch):
     return open_page
 
 
-def test_the_page_flies_what_was_asked_for(page, capfd):
+def test_the_page_applies_the_given_options(page, capfd):
     shown, session = page("--form", "form2", "--preset", "tuned", "--wind", "3", "--seed", "5", "--sensors")
     out = capfd.readouterr().out
     assert out == "http://127.0.0.1:0 shows spidar_gym/Hover-v0; Ctrl-C ends it\n"
@@ -53,7 +53,7 @@ def test_the_page_flies_what_was_asked_for(page, capfd):
     assert shown._policies["none"] == ""
 
 
-def test_a_policy_that_was_asked_for_flies_and_is_in_the_list_once(page):
+def test_a_given_policy_flies_and_is_in_the_list_once(page):
     shown, session = page("--policy", LEARNED)
     assert session.policy == LEARNED
     assert list(shown._policies.values()).count(LEARNED) == 1
@@ -76,18 +76,18 @@ def test_degrees_are_degrees(page):
     assert shown.goal == pytest.approx((0.0, 0.5, 0.0), abs=0.02)
 
 
-def test_who_lets_others_in_is_told_so(page, capfd):
+def test_an_address_open_to_the_network_prints_a_warning(page, capfd):
     page("--host", "0.0.0.0")
-    assert "this address, with its token, is all that it takes to steer" in capfd.readouterr().err
+    assert "this address and its token are all that is needed to control the robot" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["--seed", "3"], "seed = 3 is not valid; expected --web beside it"),
-        ([CRAWL], f"env_id = '{CRAWL}' is not valid; expected --web beside it"),
-        (["--wind", "3"], "wind = 3.0 is not valid; expected --web beside it"),
-        (["--preset", "tuned"], "preset = 'tuned' is not valid; expected --web beside it"),
+        (["--seed", "3"], "seed = 3 is not valid; expected --web with it"),
+        ([CRAWL], f"env_id = '{CRAWL}' is not valid; expected --web with it"),
+        (["--wind", "3"], "wind = 3.0 is not valid; expected --web with it"),
+        (["--preset", "tuned"], "preset = 'tuned' is not valid; expected --web with it"),
         (["--form", "form9"], "unknown form 'form9'; valid: form1, form2, form3"),
         (["--web", "Hover"], "unknown environment 'Hover'; valid: spidar_gym/Hover-v0"),
         (["--web", "--distance", "1"], "unexpected keyword argument 'distance'; valid: forms"),
@@ -107,7 +107,7 @@ def test_what_cannot_be_shown_is_refused_in_one_line(words, line, monkeypatch, c
     assert line in refused(capfd, "view", *words)
 
 
-def test_without_viser_it_says_what_to_install(monkeypatch, capfd):
+def test_without_viser_the_refusal_names_what_to_install(monkeypatch, capfd):
     monkeypatch.setitem(sys.modules, "viser", None)
     assert "install it with: pip install 'spidar-gym[web]'" in refused(capfd, "view", "--web")
 

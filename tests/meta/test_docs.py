@@ -108,16 +108,16 @@ def test_a_card_shows_the_row_and_the_margins_of_the_loops():
         heading, *lines = card_lines(ROOT, name, base)
         card, rows = dict(lines), {n: read_rows(ROOT / "baselines/scores", n)[n] for n in (name, base)}
         assert heading == [f"`{name}`", rows[name].doc]
-        assert card["its row"] == f"`{rows[name].content['command']}`"
-        assert ("its loops bear" in card) == (name != "walking")
+        assert card["command"] == f"`{rows[name].content['command']}`"
+        assert ("margins" in card) == (name != "walking")
         for comparison in compare_rows(rows[name], rows[base]):
             change = comparison.changes["error"]
             told = [f"`{comparison.track}`" in card[f"{words} than `{base}`"] for words in ("better", "worse")]
             assert told == [change.high < 0.0, change.low > 0.0]
     log = json.loads((ROOT / "baselines/searches/flight.json").read_text())["log"]
-    assert card["its numbers"].startswith(f"`spidar tune flight`: {len(log)} generations")
+    assert card["parameters"].startswith(f"`spidar tune flight`: {len(log)} generations")
     least = min(margins.gain for margins in loops(controller_config("tuned")))
-    assert card["its loops bear"].startswith(f"a gain of {least:.2f}, ")
+    assert card["margins"].startswith(f"gain margin {least:.2f}, ")
 
 
 def test_every_table_generated_from_figures_has_a_result():
