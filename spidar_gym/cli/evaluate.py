@@ -76,8 +76,8 @@ def eval_(
     """Evaluate a policy on the benchmark's tracks and write its row; resumes an interrupted evaluation.
 
     Args:
-        policy: module:Class, the path of a learned policy's artifact, or with --trust the path of a zip saved by
-            Stable-Baselines3. Several policies become the runs (training seeds) of one row.
+        policy: module:Class, a learned policy's artifact, or with --trust a zip of Stable-Baselines3.
+            Several policies become the runs (training seeds) of one row.
         tracks: Tracks; all on which the policy is defined if none is given.
         baselines: Evaluate all classical baselines instead of --policy, with one row each.
         split: Scenarios to use: test, or validation for choosing among your own policies.
@@ -220,8 +220,8 @@ def verify(
         tracks: Tracks; all if none is given.
         seed: Seed of the sampling.
         workers: Number of processes.
-        trust: Also run policies from outside the package and the committed baselines. The authors of the rows wrote
-            their code, so read it first.
+        trust: Also run policies from outside the package and the committed baselines.
+            The authors of the rows wrote their code, so read it first.
         control: Implementation of the controllers: core, with which rows are made, or python, which rounds differently.
         results: File for the exact metrics of every scenario, for comparison between two commits.
         cache: Folder for finished scenarios with --all or --per-run, from which an interrupted command resumes.

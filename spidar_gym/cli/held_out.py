@@ -46,15 +46,15 @@ def held_out(
 
     Args:
         names: Names of the rows, evaluated with the rows of their underlying controllers; all if none is given.
-        policy: Candidate: module:Class, or artifacts, one per run. Of the rows, only those in --names and the one for
-            comparison are evaluated.
+        policy: Candidate: module:Class, or artifacts, one per run.
+            Of the rows, only those in --names and the one for comparison are evaluated.
         against: Row or preset to compare the candidate with; its underlying controller if not given.
         scenarios: Number of scenarios per condition, from the first.
         out: JSON file for the table.
         cache: Folder for finished episodes, from which an interrupted command resumes.
         workers: Number of processes.
-        trust: Also run policies of rows from outside the package and the committed baselines. The authors of the rows
-            wrote their code, so read it first.
+        trust: Also run policies of rows from outside the package and the committed baselines.
+            The authors of the rows wrote their code, so read it first.
     """
     require_least(1, scenarios=scenarios, workers=workers)
     entrants = choose(read_rows(rows), names, policy, against, trust=trust)

@@ -58,13 +58,12 @@ def tune(
     """Tune a controller's parameters: flight and crawl with CMA-ES, the others by pattern search; resumable.
 
     Args:
-        search: flight or retuned, on the flight tracks; crawl or recrawl, on the ground tracks; module:NAME for a
-            custom Search.
+        search: flight or retuned (flight tracks), crawl or recrawl (ground tracks), or module:NAME of a custom Search.
         out: Folder for the log of the search, written after every generation, from which the search resumes.
         generations: Total number of generations; a pattern search can end earlier, when no step improves the cost.
         population: Number of candidates per generation, 12 if not given; always 2 for a pattern search.
-        scenarios: Number of scenarios per track and candidate, sampled for each generation; a pattern search uses the
-            same scenarios in all generations.
+        scenarios: Number of scenarios per track and candidate, sampled for each generation.
+            A pattern search uses the same scenarios in all generations.
         seed: Seed of the search.
         workers: Number of processes.
     """
@@ -98,7 +97,7 @@ app.command(assets)
 def bench(seconds: float = 0.5, json: JsonArg = False) -> None:
     """Measure the time of physics, controller snapshot, QP, control tick and environment steps.
 
-    `python -m train.speed` measures the time of learning, in a clone with the extra train.
+    In a clone with the extra train, `python -m train.speed` measures the time of learning.
 
     Args:
         seconds: Time spent on each measurement [s].

@@ -77,8 +77,8 @@ def flight(
     """Simulate the paper's flight experiment (40 s, forms 1, 2, 3) and print our figures beside the paper's.
 
     Args:
-        preset: Controller: as_flown as on the real robot, paper with the paper's cost and constraints, tuned and
-            retuned with our extensions.
+        preset: as_flown is the controller of the real flight, paper has the paper's cost and constraints.
+            tuned and retuned extend it.
         out: Folder for flight.json, flight.png and flight.mp4; with --speeds, for speeds.json and speeds.png.
         speeds: Instead, compare preset tuned with paper in random asymmetric forms at joint speeds 0.2 … 1.0 rad/s.
         ablation: Instead, compare them at 0.2, 0.6 and 1.0 rad/s, also with each option of tuned switched off.
@@ -176,8 +176,8 @@ def crawl(
     """Simulate the paper's crawl experiment (0.6 m, 3 cycles of 0.2 m) and print our figures beside the paper's.
 
     Args:
-        preset: Crawler: published is the paper's gait, overlapped the same gait with overlapping phases; robust has
-            margins for other robots and floors, and robust_retuned is the most accurate.
+        preset: published is the paper's gait, overlapped the same gait with overlapping phases.
+            robust has margins for other robots and floors, robust_retuned is the best crawler.
         out: Folder for crawl.json, crawl.png, cycle.png and crawl.mp4.
         overlapped: The same as --preset overlapped.
         speed: Joint speed [rad/s]; the preset's 0.2 if not given.

@@ -71,8 +71,7 @@ class TaskOptions:
     action_mode: ModeArg = None
     """Action mode: the meaning of an action; the environment's default if not given."""
     observation: ObservationArg = None
-    """Observation: a vector of values available on the robot, without or with a goal or privileged values for a
-    critic."""
+    """Observation: values available on the robot; goal adds the goal, asymmetric privileged values for a critic."""
     joint_speed: float | None = None
     """Joint speed [rad/s]; the controller's default if not given."""
     forms: FormsArg = None
@@ -84,12 +83,11 @@ class TaskOptions:
     heading: HeadingArg = None
     """Heading on the path: kept, along the path, or mixed, both equally often (path)."""
     distance: float | None = None
-    """Distance to the goal [m]; sampled if not given (crawl)."""
+    """Distance to the goal [m]; sampled if not given, like --direction and --turn (crawl)."""
     direction: float | None = None
-    """Direction of the goal, 0 ahead, 90 to the left [degrees; radians in gymnasium.make]; sampled if not given
-    (crawl)."""
+    """Direction of the goal, 0 ahead, 90 to the left [degrees; radians in gymnasium.make] (crawl)."""
     turn: float | None = None
-    """Change of heading from start to goal [degrees; radians in gymnasium.make]; sampled if not given (crawl)."""
+    """Change of heading from start to goal [degrees; radians in gymnasium.make] (crawl)."""
     schedule: ScheduleArg = None
     """Phases of the gait: one after the other, or overlapped (crawl)."""
     friction: float | None = None
@@ -133,8 +131,8 @@ def run(
 
     Args:
         env_id: Environment.
-        policy: module:Class or a learned policy's artifact, which select their controller; with --trust also a zip
-            saved by Stable-Baselines3.
+        policy: module:Class, a learned policy's artifact, or with --trust a zip of Stable-Baselines3.
+            The policy selects its controller.
         against: Second policy, evaluated on the same episodes; the video shows both side by side.
         trust: Load zips saved by Stable-Baselines3. They can run any code: use only files that you trust.
         episodes: Number of episodes.

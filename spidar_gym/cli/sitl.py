@@ -60,8 +60,8 @@ class Options:
     """Options of all missions."""
 
     link: LinkArg = "ros"
-    """ros: ROS 1 on the loopback in real time, 70 s for a flight and 40 s for a crawl; socket: in lock-step, faster and
-    without ROS."""
+    """ros: ROS 1 on the loopback in real time, 70 s for a flight and 40 s for a crawl;
+    socket: in lock-step, faster and without ROS."""
     odometry: Flag = False
     """Make the runner use the robot's state estimate (uav/cog/odom) instead of motion capture and IMU."""
     residual: Path | None = None
@@ -168,10 +168,9 @@ def course(
 
     Args:
         robots: Number of robots that run the same course in process, for the spread of the figures.
-        gates: Number of gates of a course of Course-v0 at --seed, which the runner passes by its map; 0 for the
-            default course of given commands.
-        out: Folder for course.json or course_gates.json, mission.txt and run.log, which `runner replay` repeats bit for
-            bit.
+        gates: Number of gates of a course that Course-v0 samples at --seed, driven by its map; 0 for a fixed course.
+        out: Folder for course.json or course_gates.json, mission.txt and run.log.
+            `runner replay` repeats run.log bit for bit.
         workers: Number of processes for --robots.
     """
     require_least(1, robots=robots, workers=workers)
@@ -202,8 +201,7 @@ def robot(
     """Run the simulated robot in real time, for a runner that you start separately; Ctrl-C ends it.
 
     Args:
-        link: ros: the robot's topics; socket: waits for `runner sim HOST:PORT MISSION`, with a new robot for each
-            connection.
+        link: ros: the robot's topics; socket: waits for `runner sim HOST:PORT MISSION`, a new robot per connection.
         ground: Start on the floor for a crawl, without a take-off.
         preset: Crawler preset whose first pose the robot has with --ground.
         operate: Arm and take off automatically; otherwise publish /spidar/teleop_command/start and so on.

@@ -30,8 +30,8 @@ class WebOptions:
     """Options of the page."""
 
     policy: str | None = None
-    """module:Class or a learned policy's artifact, which select their controller; with --trust also a zip saved by
-    Stable-Baselines3."""
+    """module:Class, a learned policy's artifact, or with --trust a zip of Stable-Baselines3.
+    The policy selects its controller."""
     trust: Flag = False
     """Load zips saved by Stable-Baselines3. They can run any code: use only files that you trust."""
     seed: int = 0
@@ -43,8 +43,7 @@ class WebOptions:
     randomization: float = 0.0
     """Strength of the domain randomisation, 0 … 1."""
     host: str = HOST
-    """Address to listen on: 127.0.0.1 is reachable from this machine only; any other is open to the network and
-    protected by a token."""
+    """Address to listen on: 127.0.0.1 for this machine only; any other is open to the network, with a token."""
     port: int = PORT
     """Port to listen on, 1 … 65535; 0 selects a free port."""
 
