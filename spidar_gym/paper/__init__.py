@@ -1,1 +1,1 @@
-"""The paper's experiments, and studies around them."""
+"""The paper's experiments, and studies of their controllers."""

@@ -1,4 +1,4 @@
-"""The paper's crawl experiment in the simulator, and its figures beside the paper's."""
+"""Simulate the paper's crawl experiment, and compare its figures with the paper's."""
 
 import math
 from collections.abc import Callable
@@ -24,13 +24,13 @@ from spidar_gym.so3 import euler_angles, quat_to_matrix
 from spidar_gym.tasks.crawl import CrawlTask
 
 CRAWL_DISTANCE = 0.6
-"""Way of the crawl experiment, in 3 cycles of 0.2 m [m] [Zhao2025, Sec. Crawling Motion]."""
+"""Distance of the crawl experiment, in 3 cycles of 0.2 m [m] [Zhao2025, Sec. Crawling Motion]."""
 LIMIT = 300.0
-"""A crawl that would take longer is not begun, one that does take longer is given up [s]."""
+"""Largest duration: a crawl with a longer plan is refused, and a crawl that takes longer fails [s]."""
 LEGS_UP = ("raise", "swing", "lower")
 """Phases in which the legs are lifted."""
 TORSO_PHASES = ("up", "forward", "down")
-"""Phases in which the torso is."""
+"""Phases in which the torso moves."""
 PAPER_CRAWL: dict[str, Any] = {
     "final_position_error_m": [0.010, 0.010, 0.005],
     "duration_s": 20.0,
@@ -39,35 +39,38 @@ PAPER_CRAWL: dict[str, Any] = {
     "endurance_min": 25.0,
     "qp": {"max_us": 5000.0},
 }
-"""[Zhao2025, Sec. Crawling Motion] [Zhao2025, Tab. 1]: the real robot's figures."""
+"""Figures of the real robot [Zhao2025, Sec. Crawling Motion] [Zhao2025, Tab. 1]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CrawlLog(ExperimentLog):
-    """A crawl, one row a tick."""
+    """Log of a crawl, with one row per tick."""
 
     joint_speed: float
-    """[rad/s]."""
+    """Joint speed [rad/s]."""
     phase: np.ndarray
-    """(n,) words."""
+    """Name of the phase, (n,)."""
     position_w: np.ndarray
     """Position of the torso's origin, world, (n, 3) [m]."""
     euler: np.ndarray
     """Roll, pitch, yaw of the torso, (n, 3) [rad]."""
     joint_torque: np.ndarray
-    """Torque of the servos, (n, 16) [Nm]."""
+    """Torque of the joint servos, (n, 16) [Nm]."""
     thrust_command: np.ndarray
-    """(n, 8) [N]."""
+    """Commanded thrust, (n, 8) [N]."""
     contacts: list[np.ndarray]
-    """Contact points and forces of each tick, world: (k, 6) [m, N], for pictures."""
+    """Contact points and forces of each tick, world: (k, 6) [m, N]; for figures and videos."""
     goal_error: np.ndarray
-    """Goal − torso at the end: x, y [m], yaw [rad]."""
+    """Goal − final pose of the torso: x, y [m], yaw [rad]."""
     info: dict[str, Any]
     """The environment's last `info`."""
 
 
 def crawl_robot(rng: np.random.Generator) -> PlantConfig:
-    """A robot with real sensors, 25 ms of delay, thrusts 5 % and joint zeros 10 mrad off (one sigma, cut at two)."""
+    """Sample a robot with noisy sensors, a delay of 25 ms, and errors of thrust gains and joint zeros.
+
+    The errors are normally distributed with σ = 5 % and 10 mrad, and clipped to ± 2 σ.
+    """
     spread = np.clip(rng.standard_normal(N_ROTORS), -2.0, 2.0)
     offset = np.clip(rng.standard_normal(N_JOINTS), -2.0, 2.0)
     return PlantConfig(
@@ -77,11 +80,11 @@ def crawl_robot(rng: np.random.Generator) -> PlantConfig:
 
 
 def check_way(preset: str, *, distance: float, direction: float, turn: float, joint_speed: float | None) -> None:
-    """Refuse a way that cannot be crawled, or not within `LIMIT`; the arguments are those of `crawl_paper`.
+    """Check that a goal is feasible, and planned within `LIMIT`; the arguments are those of `crawl_paper`.
 
     Raises:
         UnknownNameError: For a preset that does not exist.
-        InvalidValueError: For a number out of range, or a way that takes too long by plan.
+        InvalidValueError: For a number out of range, or a goal whose planned duration exceeds `LIMIT`.
     """
     config = crawler_config(preset)
     task = CrawlTask(distance=distance, direction=direction, turn=turn, joint_speed=joint_speed)
@@ -90,7 +93,7 @@ def check_way(preset: str, *, distance: float, direction: float, turn: float, jo
         config.gait, [Move(way)], joint_speed=task.joint_speed or config.joint_speed, dt=1.0 / CONTROL_RATE
     )
     if seconds > LIMIT:
-        shorter = f"a way of at most {LIMIT:g} s; this one takes {seconds:.0f} s by plan, or longer"
+        shorter = f"a goal within {LIMIT:g} s; the planned duration is {seconds:.0f} s"
         raise InvalidValueError("distance, turn", (distance, turn), shorter)
 
 
@@ -106,22 +109,22 @@ def crawl_paper(
     seed: int = 0,
     on_tick: Callable[[int], object] = lambda _: None,
 ) -> CrawlLog:
-    """Crawl the paper's way, or another one.
+    """Simulate the paper's crawl, or a crawl to another goal.
 
     Args:
         preset: Crawler (`UnknownNameError` lists the valid ones).
-        distance: How far [m].
-        direction: Where to, 0 straight ahead [rad].
-        turn: How far the heading turns on the way [rad].
-        joint_speed: The preset's own if None [rad/s].
+        distance: Distance to the goal [m].
+        direction: Direction of the goal, 0 straight ahead [rad].
+        turn: Change of heading from start to goal [rad].
+        joint_speed: Joint speed; the preset's if None [rad/s].
         power: Minimise electrical power instead of Σ ‖f‖².
-        noise: Use `crawl_robot` rather than the description with true states.
-        seed: Seed of that robot and its noise.
-        on_tick: Called after every tick with how many the plan has, for progress.
+        noise: Use `crawl_robot` instead of the nominal robot with true states.
+        seed: Seed of `crawl_robot` and of its noise.
+        on_tick: Called after every tick with the planned number of ticks, for progress bars.
 
     Raises:
-        InvalidValueError: For a way that cannot be crawled, or not within `LIMIT`.
-        SpidarError: When the crawl fails or does not end within `LIMIT`.
+        InvalidValueError: For an infeasible goal, or a planned duration above `LIMIT`.
+        SpidarError: If the crawl fails or does not end within `LIMIT`.
     """
     check_way(preset, distance=distance, direction=direction, turn=turn, joint_speed=joint_speed)
     config = replace(crawler_config(preset), power=power)
@@ -133,7 +136,7 @@ def crawl_paper(
         controller=config,
         plant=crawl_robot(np.random.Generator(np.random.PCG64(seed))) if noise else None,
         horizon_s=LIMIT,
-        control="python",  # it measures how long its QP takes
+        control="python",  # measures the time of the QP
     )
     rows: list[dict[str, Any]] = []
     contacts: list[np.ndarray] = []
@@ -172,11 +175,11 @@ def crawl_paper(
 
 
 def crawl_figures(log: CrawlLog, overlapped: CrawlLog | None = None) -> dict[str, Any]:
-    """The experiment's figures, ready for JSON; keys carry their units.
+    """Compute the experiment's figures for JSON; the units are in the keys.
 
     Args:
         log: The crawl.
-        overlapped: The same way with the preset `overlapped`, for its duration.
+        overlapped: Crawl to the same goal with the preset `overlapped`, for its duration.
     """
     legs, torso = np.isin(log.phase, LEGS_UP), np.isin(log.phase, TORSO_PHASES)
     roll_pitch = np.abs(log.euler[:, :2]).max(axis=1)
@@ -214,7 +217,7 @@ def crawl_figures(log: CrawlLog, overlapped: CrawlLog | None = None) -> dict[str
 
 
 def _ripple(log: CrawlLog) -> float:
-    """RMS rate of the four inner pitches while the legs swing, where nobody moves them [rad/s]."""
+    """Return the RMS rate of the four inner pitch joints in the swing phase, where their references rest [rad/s]."""
     rate = np.diff(log.joint_position[:, 1::4], axis=0) * CONTROL_RATE
     swing = log.phase[1:] == "swing"
     return float(np.sqrt((rate[swing] ** 2).mean())) if swing.any() else 0.0
@@ -226,24 +229,24 @@ LINES: tuple[tuple[str, str, float, str, str], ...] = (
     ("roll and pitch, legs up [mrad]", "roll_pitch_legs_up_rad", 1e3, ".1f", "“unstable”"),
     ("roll and pitch, torso moves [mrad]", "roll_pitch_torso_rad", 1e3, ".1f", "–"),
     ("duration [s]", "duration_s", 1.0, ".1f", "about 20"),
-    ("… of which the torso moves [s]", "duration_torso_s", 1.0, ".1f", "6"),
+    ("duration of the torso's motion [s]", "duration_torso_s", 1.0, ".1f", "6"),
     ("duration, preset overlapped [s]", "duration_overlapped_s", 1.0, ".1f", "–"),
     ("Σλ / mg, mean", "thrust_fraction_mean", 1.0, ".3f", "below 0.5"),
     ("Σλ / mg, peak", "thrust_fraction_peak", 1.0, ".3f", "–"),
     ("largest step of Σλ in a tick [N]", "thrust_step_n", 1.0, ".1f", "–"),
     ("legs in the air during the swing", "airborne_share", 1.0, ".1%", "–"),
-    ("way that the worst foot slides [mm]", "foot_slip_m", 1e3, ".1f", "–"),
+    ("largest slip of a foot [mm]", "foot_slip_m", 1e3, ".1f", "–"),
     ("lowest duct over the floor [mm]", "duct_clearance_m", 1e3, ".0f", "–"),
     ("saturated joint-time", "saturation_share", 1.0, ".2%", "–"),
     ("power, mean [W]", "power_w", 1.0, ".0f", "–"),
     ("endurance (predicted) [min]", "endurance_min", 1.0, ".1f", "25"),
     ("cost of transport", "cost_of_transport", 1.0, ".0f", "–"),
 )
-"""Lines of the table: what it says, figure, factor, format, and the paper's figure."""
+"""Lines of the table: label, figure, factor, format, and the paper's figure."""
 
 
 def crawl_lines(figures: dict[str, Any]) -> list[list[str]]:
-    """Our figures beside the paper's: the cells of a table."""
+    """Return the table of our figures beside the paper's."""
     title = f"crawl, {figures['preset']}, {figures['joint_speed_rad_s']:g} rad/s"
     x, y, z = (1000.0 * v for v in figures["final_position_error_m"])
     lines = [

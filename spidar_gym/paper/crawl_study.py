@@ -1,4 +1,4 @@
-"""Crawls beyond the paper's: directions, speeds, floors, weak actuators, random robots; over several seeds."""
+"""Crawl study: other directions, speeds and floors, weak actuators and randomised robots, with several seeds."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,29 +17,29 @@ from spidar_gym.policies.rollout import rollout
 from spidar_gym.text import format_table
 
 AHEAD = {"distance": 0.6, "direction": 0.0, "turn": 0.0}
-"""The paper's way."""
+"""The paper's goal."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One kind of crawl."""
+    """Configuration of one case of the study."""
 
     name: str
-    """What is special about it."""
+    """Name of the case."""
     preset: str = "published"
-    """Crawler."""
+    """Crawler preset."""
     options: dict[str, Any] = field(default_factory=lambda: AHEAD)
     """Arguments of the environment."""
     crawler: dict[str, Any] = field(default_factory=dict)
     """Changes of the crawler's configuration."""
     gait: dict[str, Any] = field(default_factory=dict)
-    """Changes of its gait."""
+    """Changes of the gait's configuration."""
     actuators: dict[str, Any] = field(default_factory=dict)
     """Changes of the robot's actuators."""
     body: dict[str, Any] = field(default_factory=dict)
     """Changes of the robot's body."""
     randomised: bool = False
-    """Whether robots are drawn at strength 1 instead of being `crawl_robot`."""
+    """Whether the robots are randomised at strength 1, instead of sampled by `crawl_robot`."""
 
 
 def _way(distance: float, direction: float = 0.0, turn: float = 0.0) -> dict[str, Any]:
@@ -75,13 +75,13 @@ CASES: tuple[Case, ...] = (
     Case("servos kd 1, damping by thrust", actuators=_LOOSE, crawler={"leg_damping": 2.0}),
     Case("servos kd 1, setpoints filtered", actuators=_LOOSE, crawler={"setpoint_filter": 0.2}),
 )
-"""Every case by default."""
+"""Default cases."""
 RANDOM_CASES = tuple(Case(f"randomised, {p}", p, {}, randomised=True) for p in ("published", "robust"))
-"""Robots and goals drawn from the seed."""
+"""Cases with robots and goals that are sampled from the seed."""
 
 
 def run_case(case: Case, seed: int) -> dict[str, Any]:
-    """Crawl one case once; the figures of `crawl_experiment`, and what failed."""
+    """Simulate one case with one seed; return its figures, and the reasons of a failure."""
     config = crawler_config(case.preset)
     config = replace(config, **case.crawler, gait=replace(config.gait, **case.gait))
     robot: dict[str, Any] = {"sensors": True, "randomization": 1.0}
@@ -144,9 +144,9 @@ def run_cases(
     folder: Path | None = None,
     on_run: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:
-    """Crawl every case with every seed in `workers` processes; the rows come in order.
+    """Simulate every case with every seed in `workers` processes; the rows are in this order.
 
-    Those of an interrupted call are in `folder`, and are not crawled again.
+    Finished runs are stored in `folder`, and an interrupted call resumes from them.
     """
     jobs = [(case, seed) for case in cases for seed in seeds]
     return finish(_run, jobs, workers=workers, folder=folder, on_done=lambda *_: on_run())
@@ -171,11 +171,14 @@ COLUMNS: dict[str, tuple[str, Callable[[list[float]], float], float, tuple[str, 
     "ripple": ("{:.0f}", np.median, 1e3, ("ripple_rad_s",)),
     "ΔΣλ N": ("{:.1f}", _worst, 1.0, ("thrust_step_n",)),
 }
-"""Columns of the table by heading: format, what is taken of a case's seeds, factor, and of which figures."""
+"""Columns of the table by heading: format, statistic over the seeds of a case, factor, and figures."""
 
 
 def study_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """One line a case: the worst of its seeds, but for durations, mean thrust, power and ripple, which are medians."""
+    """Return the table with one line per case.
+
+    Duration, mean thrust, power and ripple are medians over the seeds; all other columns show the worst seed.
+    """
     lines = [["case", "success", *COLUMNS]]
     for name in dict.fromkeys(row["case"] for row in rows):
         own = [row for row in rows if row["case"] == name]
@@ -188,9 +191,9 @@ def study_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
 
 
 def study_table(rows: list[dict[str, Any]]) -> str:
-    """The cases, and below them what was no success."""
+    """Return the table of the cases as text, followed by the unsuccessful runs."""
     misses = [f"{row['case']}, seed {row['seed']}: {row['shortfalls']}" for row in rows if not row["success"]]
     unsolved = sum(row["unsolved"] for row in rows)
     remarks = [f"ticks without an optimum, all runs: {unsolved}"]
-    remarks += [f"no success: {'; '.join(misses)}"] if misses else []
+    remarks += [f"unsuccessful: {'; '.join(misses)}"] if misses else []
     return "\n".join([format_table(study_lines(rows), left=1), "", *remarks])

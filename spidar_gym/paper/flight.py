@@ -1,4 +1,4 @@
-"""The paper's experiments, flown in the simulator, and their figures beside the paper's."""
+"""Simulate the paper's flight experiment, and compare its figures with the paper's."""
 
 import math
 from collections.abc import Callable
@@ -26,15 +26,15 @@ RMSE_WINDOW = (0.0, 27.0)
 FORM1_WINDOW = (2.0, 4.0)
 """Window of the hover in form ① [s]."""
 FORM_CHANGE = (4.0, 11.9)
-"""When the legs move from form ① through ② to ③ [s]."""
+"""Window in which the legs move from form ① through ② to ③ [s]."""
 FORM3_WINDOW = (14.0, 27.0)
 """Window of the hover in form ③ [s]."""
 UNRESTRICTED = ((28.5, 30.0), (35.0, 36.5))
-"""Windows in which the interference rows are dropped [s] [Zhao2025, Sec. Flight]."""
+"""Windows without the interference constraints [s] [Zhao2025, Sec. Flight]."""
 RECOVERED = 0.05
-"""The flight has recovered when the position error stays below this [m]."""
+"""Limit of the position error below which the flight has recovered [m]."""
 UPPER_ROTORS = (0, 2, 4, 6)
-"""Indices of rotors 1, 3, 5, 7, which form ③ stacks over the others."""
+"""Indices of rotors 1, 3, 5, 7, which are above the others in form ③."""
 
 PAPER_FLIGHT: dict[str, Any] = {
     "rmse_position_m": [0.038, 0.037, 0.043],
@@ -44,56 +44,56 @@ PAPER_FLIGHT: dict[str, Any] = {
     "tau2_form3_nm": 2.0,
     "qp": {"max_us": 5000.0},
 }
-"""[Zhao2025, Sec. Flight]: the real robot's figures."""
+"""Figures of the real robot [Zhao2025, Sec. Flight]."""
 
 
 @dataclass(frozen=True)
 class ExperimentLog:
-    """What happened in an experiment, in the air or on the ground, one row a tick."""
+    """Log of an experiment, a flight or a crawl, with one row per tick."""
 
     preset: str
-    """Controller."""
+    """Controller preset."""
     _: KW_ONLY
     noise: bool = False
-    """Whether it had sensors, delay and unequal rotors."""
+    """Whether the robot had noisy sensors, delay and unequal rotors."""
     time: np.ndarray
-    """(n,) [s]."""
+    """Time, (n,) [s]."""
     joint_position: np.ndarray
-    """(n, 16) [rad]."""
+    """Joint positions, (n, 16) [rad]."""
     vectoring: np.ndarray
-    """Measured, (n, 8, 2) [rad]."""
+    """Measured vectoring angles φ, θ, (n, 8, 2) [rad]."""
     thrust: np.ndarray
-    """Measured, (n, 8) [N]."""
+    """Measured thrust, (n, 8) [N]."""
     solve_time: np.ndarray
-    """(n,) [s]."""
+    """Time of the allocation, (n,) [s]."""
     status: np.ndarray
-    """(n,) words."""
+    """Status of the allocation, (n,)."""
     power: np.ndarray
-    """Electrical, (n,) [W]."""
+    """Electrical power, (n,) [W]."""
     qpos: np.ndarray
-    """Configuration of the simulated robot, (n, 39), for pictures."""
+    """Configuration of the simulated robot, (n, 39); for figures and videos."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlightLog(ExperimentLog):
-    """A flight, one row a tick."""
+    """Log of a flight, with one row per tick."""
 
     position_error: np.ndarray
-    """(n, 3), world [m]."""
+    """Position error of the CoG, desired − actual, world, (n, 3) [m]."""
     attitude_error: np.ndarray
-    """(n, 3), torso axes [rad]."""
+    """Attitude error, torso axes, (n, 3) [rad]."""
     joint_torque: np.ndarray
-    """Allocated, (n, 16) [Nm]."""
+    """Allocated joint torque, (n, 16) [Nm]."""
     air_force: np.ndarray
-    """Force of the air besides the thrust in still air, (n, 3), world [N]."""
+    """Force of the air besides the thrust in still air, world, (n, 3) [N]."""
 
     def window(self, values: np.ndarray, window: tuple[float, float]) -> np.ndarray:
-        """The rows of `values` within a window [s]."""
+        """Return the rows of `values` within a window [s]."""
         return values[(self.time >= window[0]) & (self.time <= window[1])]
 
 
 def noisy_robot(rng: np.random.Generator) -> PlantConfig:
-    """A robot with real sensors, a delay of 20 ms and two ducts that are never alike: what a clean model leaves out."""
+    """Sample a robot with noisy sensors, a delay of 20 ms, and rotors and ducts that differ from each other."""
     return PlantConfig(
         sense=True,
         actuators=ActuatorConfig(
@@ -110,19 +110,19 @@ def noisy_robot(rng: np.random.Generator) -> PlantConfig:
 def fly_paper(
     preset: str = "as_flown", *, noise: bool = False, seed: int = 0, on_tick: Callable[[], object] = lambda: None
 ) -> FlightLog:
-    """Fly the paper's flight experiment.
+    """Simulate the paper's flight experiment.
 
-    Hover at form ①, from 4 s on through ② to ③ at 0.2 rad/s without a stop, ③ until 40 s, the interference rows
-    dropped from 28.5 to 30 s and from 35 to 36.5 s [Zhao2025, Sec. Flight].
+    The robot hovers in form ①. From 4 s it moves through ② to ③ at 0.2 rad/s without a stop, and holds ③ until 40 s.
+    The interference constraints are dropped from 28.5 to 30 s and from 35 to 36.5 s [Zhao2025, Sec. Flight].
 
     Args:
-        preset: Controller that flies (`UnknownNameError` lists the valid ones).
-        noise: Fly `noisy_robot` rather than the description with true states.
-        seed: Seed of that robot and its noise.
-        on_tick: Called after every tick, for progress.
+        preset: Controller (`UnknownNameError` lists the valid ones).
+        noise: Use `noisy_robot` instead of the nominal robot with true states.
+        seed: Seed of `noisy_robot` and of its noise.
+        on_tick: Called after every tick, for progress bars.
 
     Raises:
-        SpidarError: When the flight ends early.
+        SpidarError: If the flight ends early.
     """
     env = HoverEnv(
         forms="paper",
@@ -131,7 +131,7 @@ def fly_paper(
         unrestricted=UNRESTRICTED,
         plant=noisy_robot(np.random.Generator(np.random.PCG64(seed))) if noise else None,
         horizon_s=FLIGHT_SECONDS,
-        control="python",  # it measures how long its QP takes
+        control="python",  # measures the time of the QP
     )
     rows: list[dict[str, Any]] = []
     for step in rollout(env, seed=seed, ticks=FLIGHT_TICKS):
@@ -161,13 +161,13 @@ def fly_paper(
 
 
 def sink(log: FlightLog, window: tuple[float, float]) -> float:
-    """How far the CoG falls from a window's start to its end [m]."""
+    """Return the descent of the CoG from a window's start to its end [m]."""
     start, end = (int(np.searchsorted(log.time, t - 1e-9)) for t in window)
     return float(log.position_error[end, 2] - log.position_error[start, 2])
 
 
 def recovery(log: FlightLog, start: float, end: float) -> float:
-    """Time from `start` until the position error stays below 5 cm up to `end` [s]; infinite if it never does."""
+    """Return the time from `start` until the position error stays below 5 cm up to `end` [s]; infinite if never."""
     inside = (log.time >= start - 1e-9) & (log.time <= end + 1e-9)
     far = np.linalg.norm(log.position_error[inside], axis=1) >= RECOVERED
     if far[-1]:
@@ -176,7 +176,7 @@ def recovery(log: FlightLog, start: float, end: float) -> float:
 
 
 def flight_figures(log: FlightLog) -> dict[str, Any]:
-    """The experiment's figures, ready for JSON; keys carry their units."""
+    """Compute the experiment's figures for JSON; the units are in the keys."""
     form3_vectoring = log.window(log.vectoring, FORM3_WINDOW).mean(axis=0)
     recoveries = (
         recovery(log, UNRESTRICTED[0][1], UNRESTRICTED[1][0]),
@@ -202,11 +202,11 @@ def flight_figures(log: FlightLog) -> dict[str, Any]:
 
 
 def qp_figures(solve_time: np.ndarray, status: np.ndarray) -> dict[str, Any]:
-    """How long the QP took in each tick, and in how many of them it had no optimum.
+    """Compute statistics of the QP's time, and count the ticks without an optimum.
 
     Args:
-        solve_time: Time of each tick, shape (n,) [s].
-        status: What became of it, (n,) words.
+        solve_time: Time of the allocation in each tick, (n,) [s].
+        status: Status of the allocation in each tick, (n,).
     """
     solve_us = 1e6 * solve_time
     return {
@@ -222,7 +222,7 @@ def _rms(values: np.ndarray) -> list[float]:
 
 
 def flight_lines(figures: dict[str, Any]) -> list[list[str]]:
-    """Our figures beside the paper's: the cells of a table."""
+    """Return the table of our figures beside the paper's."""
 
     def row(name: str, ours: str, theirs: str = "–") -> list[str]:
         return [name, ours, theirs]
@@ -231,7 +231,7 @@ def flight_lines(figures: dict[str, Any]) -> list[list[str]]:
         return "  ".join(f"{value + 0.0:.{digits}f}" for value in values)
 
     def rmse(name: str, key: str) -> list[str]:
-        # True states are no match for the real robot; the flight with noise is.
+        # Only the flight with noise is comparable with the real robot; the other one uses true states.
         return row(name, numbers(figures[key], 5), numbers(PAPER_FLIGHT[key], 3) if figures["noise"] else "see --noise")
 
     recovered = "  ".join("never" if t is None else f"{t:.2f}" for t in figures["recovery_s"])
@@ -249,15 +249,15 @@ def flight_lines(figures: dict[str, Any]) -> list[list[str]]:
         row("Σλ, form ① → form ③ [N]", f"{form1:.1f} → {form3:.1f} ({form3 / form1 - 1:+.1%})", "larger in ③"),
         row("lift lost to the wake, form ③", f"{figures['wake_loss_constrained']:.2%}"),
         row("sink without the constraint [m]", numbers(figures["sink_m"], 3), "“instant descending”, no contact"),
-        row("… in its first 0.5 s [m]", numbers(figures["sink_half_second_m"], 3)),
-        row("recovery to 5 cm after it [s]", recovered, "recovered"),
+        row("sink in the first 0.5 s without it [m]", numbers(figures["sink_half_second_m"], 3)),
+        row("recovery to 5 cm afterwards [s]", recovered, "recovered"),
         row("endurance in form ① (calibrated) [min]", f"{figures['endurance_min']:.1f}", "9"),
         *qp_lines(figures["qp"]),
     ]
 
 
 def qp_lines(qp: dict[str, Any]) -> list[list[str]]:
-    """What `qp_figures` gives, at the end of an experiment's table."""
+    """Return the lines of `qp_figures` for the end of an experiment's table."""
     times = " / ".join(f"{qp[name]:.0f}" for name in ("median_us", "p99_us", "max_us"))
     return [
         ["ticks without an optimum", f"{qp['unsolved']}", "–"],

@@ -1,4 +1,4 @@
-"""Beyond the paper: error against joint speed, and the effect of each compensation."""
+"""Flight studies beyond the paper: error over joint speed, and the effect of each compensation."""
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -15,22 +15,25 @@ from spidar_gym.control.presets import controller_config
 from spidar_gym.paper.trial import CONDITIONS, Outcome, Trial, fly_all
 
 SPEEDS = (0.2, 0.6, 1.0)
-"""Joint speeds of the comparison [rad/s]."""
+"""Joint speeds of the ablation [rad/s]."""
 MANY_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Joint speeds of the figure [rad/s]."""
 FIRST_SEED = 10_000
-"""Comparisons fly seeds from here on."""
+"""First seed of the flights."""
 OFF: dict[str, Any] = {
     "no feed-forward": {"momentum_gain": 0.0},
     "no lead": {"vectoring_lead": 0.0},
     "no observer": {"observer_gain": 0.0},
     "no ramp of the joints": {"joint_ramp": 0.0},
 }
-"""Options of `tuned`, each switched off."""
+"""Changes of `tuned` that switch off one option each."""
 
 
 def controllers(ablation: bool) -> dict[str, ControllerConfig]:
-    """What is compared with `paper`: `tuned`, and without each of its options."""
+    """Return the compared controllers: `paper` and `tuned`, and for an ablation `tuned` without each of its options.
+
+    An ablation also has three combinations of the gains of one controller with options of the other.
+    """
     tuned = controller_config("tuned")
     paper = controller_config("paper")
     found = {"paper": paper, "tuned": tuned}
@@ -56,12 +59,12 @@ def speed_study(
     folder: Path | None = None,
     on_flight: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:
-    """Fly every controller through the same scenarios at every speed, nominal and randomised.
+    """Simulate every controller in the same scenarios at every speed, nominal and randomised.
 
-    Flights of an interrupted call are in `folder`, and are not flown again.
+    Finished flights are stored in `folder`, and an interrupted call resumes from them.
 
     Returns:
-        One row a controller and cell: errors, changes against `paper`, softened ticks, torque, late forms, losses.
+        One row per controller and cell: errors, changes against `paper`, softened ticks, torque, late forms, losses.
     """
     configs = controllers(ablation)
     cells = list(product(CONDITIONS, speeds))
@@ -103,7 +106,7 @@ def _row(flown: dict[str, list[Outcome]], name: str, rng: np.random.Generator) -
 
 
 def speed_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """The rows as a table; all but three columns are numbers."""
+    """Return the rows as a table; all columns except the first three are numbers."""
 
     def change(values: dict[str, float]) -> str:
         return f"{values['relative']:+.0%} [{values['low']:+.0%}, {values['high']:+.0%}]"

@@ -1,4 +1,4 @@
-"""Flights of independent forms that controllers are tuned and compared on: same seeds, same forms, same robots."""
+"""Trials for the comparison of controllers: flights with independent legs, with the same seeds, forms and robots."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
@@ -13,48 +13,48 @@ from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.policies.rollout import rollout
 
 SETTLE = 1.0
-"""Seconds of a flight that do not count: the flight starts on its reference, but its servos have not settled."""
+"""Initial time that is excluded from the errors, since the servos have to settle [s]."""
 CONDITIONS: dict[str, dict[str, Any]] = {
     "nominal": {},
     "randomised": {"randomization": 1.0, "sensors": True},
 }
-"""The robot of the description in its own wake; and one drawn at strength 1 with real sensors."""
+"""Conditions: the nominal robot, and a robot that is randomised at strength 1 and has noisy sensors."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One flight."""
+    """Definition of one flight."""
 
     condition: str
     """One of `CONDITIONS`."""
     joint_speed: float
-    """[rad/s]."""
+    """Joint speed [rad/s]."""
     seed: int
-    """Seed of forms, initial offset, robot, noise."""
+    """Seed of forms, robot and noise."""
     seconds: float = 12.0
     """Length [s]."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one flight gave; RMS of norms, the first second left out."""
+    """Result of one flight; errors are RMS of norms without the first `SETTLE` seconds."""
 
     position: float
-    """[m]."""
+    """Position error [m]."""
     attitude: float
-    """[rad]."""
+    """Attitude error [rad]."""
     softened: int
-    """Ticks whose allocation gave way: slack above 1e-6."""
+    """Number of ticks whose allocation has a slack above 1e-6."""
     joint_torque: float
     """Largest torque of the allocation, feed-forward included [Nm]."""
     late: int
-    """Forms that were not reached within the grace after their deadline."""
+    """Number of forms that were not reached within the grace time after their deadline."""
     failure: str
-    """Why it ended early; empty if it did not."""
+    """Reason of an early end; empty if the flight did not end early."""
 
 
 def make_env(config: ControllerConfig, trial: Trial) -> HoverEnv:
-    """The environment of a trial with a controller; its joint speed is the trial's."""
+    """Build the environment of a trial; the trial's joint speed replaces the controller's."""
     return HoverEnv(
         forms="independent", joint_speed=trial.joint_speed, perturbation=0.0, controller=config,
         **CONDITIONS[trial.condition],
@@ -62,7 +62,7 @@ def make_env(config: ControllerConfig, trial: Trial) -> HoverEnv:
 
 
 def fly(config: ControllerConfig, trial: Trial) -> Outcome:
-    """Fly one trial with a controller; its joint speed becomes the trial's."""
+    """Simulate one trial with a controller; the trial's joint speed replaces the controller's."""
     env = make_env(config, trial)
     squares, softened, torque, failure = [], 0, 0.0, ""
     for step in rollout(env, seed=trial.seed, ticks=round(trial.seconds * CONTROL_RATE)):
@@ -89,9 +89,9 @@ def fly_all(
     folder: Path | None = None,
     on_done: Callable[[], object] = lambda: None,
 ) -> list[Outcome]:
-    """Fly many trials in `workers` processes; the outcomes come in the order of the jobs.
+    """Simulate many trials in `workers` processes; the outcomes are in the order of the jobs.
 
-    Those of an interrupted call are in `folder`, and are not flown again.
+    Finished trials are stored in `folder`, and an interrupted call resumes from them.
     """
     found = finish(_fly, jobs, workers=workers, folder=folder, on_done=lambda *_: on_done())
     return [Outcome(**outcome) for outcome in found]

@@ -172,7 +172,7 @@ def test_the_error_of_another_broken_pipe_is_raised(monkeypatch):
         (["paper", "crawl", "--direction", "inf"], "finite numbers [degrees]"),
         (["paper", "crawl", "--turn", "359.8"], "within -237.296 … 237.296 [degrees]"),
         (["paper", "crawl", "--turn", "235"], "the arc leads 0.56 m away from the goal"),
-        (["paper", "crawl", "--distance", "9"], "a way of at most 300 s; this one takes 504 s by plan"),
+        (["paper", "crawl", "--distance", "9"], "a goal within 300 s; the planned duration is 504 s"),
         (["paper", "crawl", "--study", "--seeds", "0"], "at least 1"),
         (["paper", "crawl", "--draws", "-1"], "at least 0"),
         (["run", "spidar_gym/Crawl-v0", "--schedule", "trot"], "sequential, overlapped"),

@@ -1,11 +1,11 @@
-"""Pins the study of crawls: it goes on where it was."""
+"""Pins the crawl study: it resumes."""
 
 from dataclasses import replace
 
 from spidar_gym.paper import crawl_study
 
 
-def test_a_study_of_crawls_goes_on_where_it_was(tmp_path, monkeypatch):
+def test_a_study_of_crawls_resumes(tmp_path, monkeypatch):
     crawled = []
 
     def run_case(case, seed):

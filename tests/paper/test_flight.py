@@ -1,4 +1,4 @@
-"""Pins the flight experiment: its figures by hand, its words, and the flight itself against the paper's numbers."""
+"""Pins the flight experiment: figures against hand calculations, the table, and the flight against the paper."""
 
 import json
 import math
@@ -22,7 +22,7 @@ QP_KEYS = {"median_us", "p99_us", "max_us", "unsolved"}
 
 
 def log_of(**columns) -> FlightLog:
-    """A flight of 40 s at one row a second in which nothing happens but what `columns` say of the time."""
+    """Build the log of a flight of 40 s with one row per second; `columns` are functions of time, all others zero."""
     t = np.arange(1.0, 41.0)
     shapes = {
         "position_error": (3,), "attitude_error": (3,), "joint_position": (16,), "joint_torque": (16,),
@@ -91,7 +91,7 @@ def test_figures_have_exactly_the_promised_keys_and_survive_json():
     }  # fmt: skip
 
 
-def test_the_papers_figures_have_the_same_keys_where_the_paper_gives_them():
+def test_the_papers_figures_have_the_same_keys():
     assert set(PAPER_FLIGHT) < KEYS
     assert set(PAPER_FLIGHT["qp"]) < QP_KEYS
     ours = flight_figures(log_of())
@@ -115,7 +115,7 @@ def test_the_table_shows_ours_and_the_papers_numbers_side_by_side():
     assert lines[0].rindex("paper") == position.index("0.038  0.037  0.043")
 
 
-def test_a_flight_without_noise_is_not_held_against_the_rmse_of_the_real_robot():
+def test_a_flight_without_noise_is_not_compared_with_the_rmse_of_the_real_robot():
     text = format_table(flight_lines(flight_figures(log_of(thrust=lambda t: np.full((40, 8), 20.0)))))
     assert "0.038" not in text
     assert "noise" in next(line for line in text.splitlines() if line.startswith("RMSE position"))
@@ -127,7 +127,7 @@ TICKS = np.arange(1, 1601) / 40
 
 
 def ticked(error) -> FlightLog:
-    """A flight in which the CoG's error of each tick is what `error` says of its time."""
+    """Build the log of a flight whose position error in each tick is `error(time)`."""
     log = log_of()
     rows = np.array([error(t) for t in TICKS], float)
     return replace(log, time=TICKS, position_error=rows)
@@ -135,7 +135,7 @@ def ticked(error) -> FlightLog:
 
 def test_sink_is_how_far_the_cog_falls_from_the_start_of_a_window_to_its_end():
     def error(t):
-        # Desired − actual: 2 cm too high at 28.5 s, 28 cm too low at 30 s; what happens sideways does not matter.
+        # Desired − actual: 2 cm too high at 28.5 s, 28 cm too low at 30 s; horizontal errors have no effect.
         return (t, -t, -0.02 + 0.2 * (t - 28.5))
 
     log = ticked(error)
@@ -143,7 +143,7 @@ def test_sink_is_how_far_the_cog_falls_from_the_start_of_a_window_to_its_end():
     assert sink(log, (28.5, 29.0)) == pytest.approx(0.1)
     assert sink(ticked(lambda t: (0, 0, -0.1 * t)), (28.5, 30.0)) == pytest.approx(-0.15)
     assert sink(ticked(lambda t: (0, 0, 1.0)), (28.5, 30.0)) == 0.0
-    # Where the window begins and ends counts, not what is between.
+    # Only the start and the end of the window count.
     assert sink(ticked(lambda t: (0, 0, 28.51 < t < 29.99)), (28.5, 30.0)) == 0.0
     assert sink(ticked(lambda t: (0, 0, t > 29.99)), (28.5, 30.0)) == 1.0
 
@@ -181,7 +181,7 @@ def test_the_figures_take_both_windows_without_the_constraint_and_the_times_afte
 
 
 def ticked_with_all(error) -> FlightLog:
-    """The same with a row a tick in every column."""
+    """Build the log of `ticked` with one row per tick in every column."""
     log = ticked(error)
     columns = {
         name: np.repeat(getattr(log, name), 40, axis=0)
@@ -209,7 +209,7 @@ def test_endurance_is_85_percent_of_eight_packs_at_the_mean_power_of_the_hover_i
 
 
 def test_the_figures_of_a_flight_that_never_recovers_are_still_json():
-    """RFC 8259 has no infinity: what other readers of flight.json would refuse must not be written."""
+    """RFC 8259 has no infinity, so other readers would refuse a flight.json with one."""
     figures = flight_figures(log_of(position_error=lambda t: np.ones((40, 3))))
     json.dumps(figures, allow_nan=False)
 
@@ -219,7 +219,7 @@ def test_an_unknown_preset_is_refused():
         fly_paper("mine")
 
 
-def test_a_flight_that_ends_early_says_when_and_why(monkeypatch):
+def test_a_flight_that_ends_early_raises_an_error_with_time_and_reason(monkeypatch):
     seen, failed = [], HoverTask.failed
     monkeypatch.setattr(HoverTask, "failed", lambda task, robots: failed(task, robots) | {"tilt": robots.ticks > 3})
     with pytest.raises(SpidarError, match=r"0\.\d+ s: tilt"):
@@ -257,7 +257,7 @@ def test_the_flight_as_flown_meets_the_papers_figures(flown):
 
 
 @pytest.mark.slow
-def test_the_papers_allocation_flies_no_worse_than_the_paper():
+def test_the_papers_allocation_has_at_most_the_papers_errors():
     figures = flight_figures(fly_paper("paper"))
     for name in ("rmse_position_m", "rmse_attitude_rad"):
         assert np.all(np.array(figures[name]) <= PAPER_FLIGHT[name]), figures[name]
@@ -278,7 +278,7 @@ def test_the_constraint_is_dropped_in_two_windows_and_nowhere_else(flown):
     for start, end in ((27.0, 28.5), (33.0, 35.0), (39.0, 40.0)):
         np.testing.assert_allclose(flown.window(theta, (start, end)), -0.4, rtol=0, atol=0.03)
     for start, end in ((29.0, 30.0), (35.5, 36.5)):
-        # The inner links of form ③ stand at 45°: a rotor that may thrust upright turns to −π/4.
+        # The inner links of form ③ are at 45°, so a rotor with vertical thrust is at −π/4.
         np.testing.assert_allclose(flown.window(theta, (start, end)), -math.pi / 4, rtol=0, atol=0.03)
     calm = (flown.time > 13.0) & (flown.time <= 28.5)
     assert np.abs(flown.position_error[calm]).max() < 0.01
@@ -302,13 +302,13 @@ def test_a_flight_with_noise_is_at_or_below_the_papers_rmse_on_all_six_axes(pres
         assert np.all(np.array(figures[name]) <= PAPER_FLIGHT[name]), figures[name]
     clean = flight_figures(flown)
     assert np.linalg.norm(figures["rmse_position_m"]) > np.linalg.norm(clean["rmse_position_m"])
-    # In front of the first window, where nothing moves, noise is all there is.
+    # In the hover before the first change of form, noise is the only source of errors.
     assert np.abs(flown.window(flown.attitude_error, (2.0, 4.0))).max() < 1e-3
     assert log.window(log.attitude_error, (2.0, 4.0)).std(axis=0).min() > 1e-4
 
 
 @pytest.mark.slow
-def test_the_seed_decides_over_the_noise():
+def test_the_seed_determines_the_noise():
     ticks = iter(range(10**6))
 
     def stop():

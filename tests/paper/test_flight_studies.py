@@ -1,4 +1,4 @@
-"""Pins the comparison of controllers: ablations, one row a cell, and that it goes on where it was."""
+"""Pins the comparison of controllers: ablations, one row per cell, and resuming."""
 
 import json
 from dataclasses import replace
@@ -38,7 +38,7 @@ def test_a_study_has_a_row_for_every_controller_and_cell(monkeypatch):
     assert "0/3" in lines[1]
 
 
-def test_a_study_of_speeds_goes_on_where_it_was(tmp_path, monkeypatch):
+def test_a_study_of_speeds_resumes(tmp_path, monkeypatch):
     flown, stops = [], [KeyboardInterrupt()]
 
     def fly(config, trial):

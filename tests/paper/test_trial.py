@@ -1,4 +1,4 @@
-"""Pins the trials: outcomes from nothing but controller and seed, shared draws, the settling second, losses."""
+"""Pins the trials: outcomes depend only on controller and seed; shared samples, the settling second, losses."""
 
 from dataclasses import replace
 
@@ -12,21 +12,21 @@ from spidar_gym.paper.trial import CONDITIONS, Trial, fly, fly_all
 
 PAPER, TUNED = controller_config("paper"), controller_config("tuned")
 PUSHED_OVER = replace(PAPER, centroidal=CentroidalConfig(attitude_gains=((-60.0, 0.0, -5.0),) * 3))
-"""Turns away from where it should be."""
+"""A controller with positive feedback of the attitude, which turns the robot over."""
 TICKS = 40
-"""Ticks a second."""
+"""Ticks per second."""
 
 
 @pytest.fixture
 def made(monkeypatch):
-    """The environments that trials were flown in, the last one last."""
+    """Return the list of the trials' environments, in order."""
     envs, make = [], trial.make_env
     monkeypatch.setattr(trial, "make_env", lambda *job: envs.append(make(*job)) or envs[-1])
     return envs
 
 
 def errors(config, flight):
-    """Squared errors of every tick, through the environment's front door."""
+    """Compute the squared errors of every tick with the environment's public interface."""
     env = trial.make_env(config, flight)
     env.reset(seed=flight.seed)
     squares = []
@@ -44,7 +44,7 @@ def test_errors_are_root_mean_squares_without_the_first_second(condition):
     assert np.abs(np.sqrt(squares.mean(axis=0)) / [outcome.position, outcome.attitude] - 1.0).max() > 0.01
 
 
-def test_a_flight_shorter_than_the_settling_second_counts_whole():
+def test_all_ticks_of_a_flight_shorter_than_the_settling_second_count():
     flight = Trial("nominal", 0.6, 4, 0.5)
     outcome = fly(PAPER, flight)
     expected = np.sqrt(errors(PAPER, flight).mean(axis=0))
@@ -66,7 +66,7 @@ def test_different_controllers_meet_the_same_forms_the_same_robot_and_the_same_s
     assert not np.array_equal(made[-1].progress.goals[0].joint_target, met[0][0][0, 2:])
 
 
-def test_conditions_are_the_described_robot_and_a_drawn_one_with_sensors(made):
+def test_conditions_are_the_nominal_robot_and_a_randomised_one_with_sensors(made):
     for condition, drawn in (("nominal", False), ("randomised", True)):
         flight = Trial(condition, 0.2, 5, 0.1)
         fly(PAPER, flight)
@@ -76,7 +76,7 @@ def test_conditions_are_the_described_robot_and_a_drawn_one_with_sensors(made):
         assert env.plant.config.aero.wake
 
 
-def test_every_scenario_flies_at_its_own_joint_speed_whatever_the_controllers(made):
+def test_the_scenarios_joint_speed_replaces_the_controllers(made):
     speeds = {}
     for speed in (0.2, 1.0):
         flight = Trial("nominal", speed, 6, 4.0)
@@ -88,7 +88,7 @@ def test_every_scenario_flies_at_its_own_joint_speed_whatever_the_controllers(ma
     assert speeds[0.2] <= 0.2 * (1.0 + 1e-9)
 
 
-def test_a_lost_flight_ends_early_says_why_and_has_an_error_all_the_same(made):
+def test_a_lost_flight_ends_early_with_a_reason_and_still_has_an_error(made):
     flown = [fly(PUSHED_OVER, Trial("nominal", 1.0, 1, 8.0)), fly(PAPER, Trial("nominal", 1.0, 1, 1.5))]
     assert flown[0].failure in ("tilt", "position", "contact")
     assert flown[0].attitude > 0.05 > flown[1].attitude
@@ -103,7 +103,7 @@ def test_a_calm_flight_never_softens_its_allocation_and_one_that_turns_over_does
 
 
 def test_slow_joints_are_late_and_the_papers_are_not():
-    """Joints that ramp up over three seconds miss every deadline: the schedule has them at full speed at once."""
+    """Joints that ramp up over three seconds miss deadlines, since the schedule assumes full speed from the start."""
     flight = Trial("nominal", 1.0, 9, 5.0)
     slow = replace(PAPER, compensation=replace(PAPER.compensation, joint_ramp=3.0))
     assert fly(PAPER, flight).late == 0
@@ -120,14 +120,14 @@ def test_outcomes_come_in_the_order_of_the_jobs_and_every_flight_is_counted():
 SHORT = [Trial("nominal", 1.0, 1, 1.5), Trial("randomised", 1.0, 1, 1.5), Trial("nominal", 1.0, 2, 1.5)]
 
 
-def test_a_scenario_has_one_outcome_whatever_flew_before_and_in_however_many_processes():
+def test_an_outcome_does_not_depend_on_earlier_flights_or_the_number_of_processes():
     alone = [fly(PAPER, trial) for trial in SHORT]
     assert [fly(PAPER, trial) for trial in reversed(SHORT)] == alone[::-1]
     assert fly_all([(PAPER, trial) for trial in SHORT], workers=2) == alone
     assert len({outcome.attitude for outcome in alone}) == len(alone)
 
 
-def test_controllers_meet_the_same_forms_and_the_better_one_errs_less():
+def test_tuned_has_smaller_errors_than_paper_on_the_same_forms():
     trial = Trial("nominal", 1.0, 3, 5.0)
     paper, tuned = fly(PAPER, trial), fly(controller_config("tuned"), trial)
     assert tuned.attitude < 0.5 * paper.attitude
