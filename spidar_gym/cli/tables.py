@@ -80,7 +80,7 @@ SUMMARY = {
 
 
 def _summary(root: Path) -> Lines:
-    """Return the paper's experiments in about eight lines, with the ratio of the real RMS errors to the simulated."""
+    """Return the paper's experiments in about eight lines, with the ratio of the real errors to the simulated ones."""
     lines = [["experiment", "", "simulated", "paper", "paper ÷ simulated"]]
     for name, chosen in SUMMARY.items():
         result = read_result(root / RESULTS / f"{name}.json")
@@ -88,10 +88,11 @@ def _summary(root: Path) -> Lines:
         for label in chosen:
             simulated, paper = rows[label]
             ratio = "–"
-            if label.startswith("RMSE"):
+            if label.startswith(("RMSE", "final")):  # errors
                 pairs = zip(simulated.split(), paper.split(), strict=True)
-                ratio = "  ".join(f"{float(real) / float(ours):.2g}" for ours, real in pairs)
-            lines.append([name.removesuffix("_noise"), label, simulated, paper, ratio])
+                ratio = ", ".join(f"{abs(float(real) / float(ours)):.2g}" for ours, real in pairs)
+            cells = (simulated.replace("  ", ", "), paper.replace("  ", ", "))
+            lines.append([name.removesuffix("_noise"), label, *cells, ratio])
     return lines
 
 
