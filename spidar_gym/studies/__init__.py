@@ -1,1 +1,1 @@
-"""Studies beyond the paper, each with its table: `python -m spidar_gym.studies NAME`."""
+"""Studies beyond the paper, each with a table of results: `python -m spidar_gym.studies NAME`."""

@@ -1,4 +1,4 @@
-"""`python -m spidar_gym.studies`: the studies beyond the paper, one subcommand each."""
+"""`python -m spidar_gym.studies`: the studies beyond the paper, with one subcommand per study."""
 
 from pathlib import Path
 
@@ -27,13 +27,13 @@ app = tyro.extras.SubcommandApp()
 
 @app.command
 def lost(preset: FlightPresetArg = "paper", out: Path = Path("out/lost"), json: JsonArg = False) -> None:
-    """Lose each rotor in each form, its thrust or its vectoring: what statics allows and what flight shows.
+    """Fail each rotor in each form, in thrust or in vectoring: static feasibility of a hover, and a simulated flight.
 
     Args:
-        preset: Controller.
+        preset: Controller preset.
         out: Folder for lost.json.
     """
-    controller_config(preset)  # refuses an unknown name
+    controller_config(preset)  # raises for an unknown name
     folder = output_folder(out)
     with progress(total=len(FAULTS) * len(FORMS) * N_ROTORS, unit="flight", desc="lost") as bar:
         rows = lost_study.lost_rotors(preset, on_flight=bar.update)
@@ -49,18 +49,18 @@ def hops(
     workers: int = cpu_count(),
     json: JsonArg = False,
 ) -> None:
-    """Take off to 1 m and land again: nominal robots with sensor noise, and randomised robots in wind. Resumes.
+    """Take off to 1 m and land: nominal robots with noisy sensors, and randomised robots in wind; resumable.
 
     Args:
-        robots: Robots of either kind; a hop takes 11 s of simulated time, about half a second of processor time.
+        robots: Number of robots of each kind; one takes 11 s of simulated time, about 0.5 s of CPU time.
         strength: Strength of the randomisation, 0 … 1.
-        wind: Mean wind of the randomised robots [m/s].
+        wind: Mean wind speed for the randomised robots [m/s].
         out: Folder for hops.json.
-        workers: Processes.
+        workers: Number of processes.
     """
     require_least(1, robots=robots, workers=workers)
     check_strength(strength)
-    Disturbances(wind=wind)  # refuses a wind out of range
+    Disturbances(wind=wind)  # raises for a wind out of range
     studied(
         output_folder(out), "hops", "hop", 2 * robots, json=json,
         play=lambda unfinished, on_hop: hop_study.hop_study(
@@ -72,15 +72,16 @@ def hops(
 
 @app.command
 def gates(out: Path = Path("out/gates"), seeds: int = 4, workers: int = cpu_count(), json: JsonArg = False) -> None:
-    """Sweep the size of every kind of gate of Course-v0 until each gait fails. Resumes.
+    """Sweep the size of every kind of gate of Course-v0 until each gait fails; resumable.
 
-    Heights of walls, platforms and tiles [m], clearance under beams [m], width of slots [m], angle of slopes [rad].
-    At each gate: the rule, flying alone in form 1 and in form 3, and crawling alone. Robots are randomised.
+    The sizes are heights of walls, platforms and tiles [m], clearances under beams [m], widths of slots [m], and angles
+    of slopes [rad]. The gaits are the rule with both gaits, flight only, in form 1 and in form 3, and crawl only.
+    Robots are randomised.
 
     Args:
         out: Folder for gates.json and gates.png.
-        seeds: Randomised robots at each gate; 4 take about 35 minutes on two cores.
-        workers: Processes.
+        seeds: Number of randomised robots per gate and gait; 4 take about 35 minutes on two cores.
+        workers: Number of processes.
     """
     require_least(1, seeds=seeds, workers=workers)
     folder = output_folder(out)
@@ -99,20 +100,20 @@ def steps(
     gaits: tuple[str, ...] = step_study.GAITS, out: Path = Path("out/steps"), seeds: int = 4,
     workers: int = cpu_count(), json: JsonArg = False,
 ) -> None:  # fmt: skip
-    """Sweep the height of tiles and stairs until each gait fails, with its own foot lift and a higher one. Resumes.
+    """Sweep the height of tiles and stairs until each gait fails, with default and higher foot lift; resumable.
 
-    The goal is 0.8 m ahead; robots are randomised at strength 0.3 and have sensors; success is that of Crawl-v0.
+    The goal is 0.8 m ahead. Robots are randomised at strength 0.3 and have noisy sensors. Success is that of Crawl-v0.
 
     Args:
-        gaits: Presets of the crawl, or MODULE:CLASS of policies that are a controller.
+        gaits: Crawler presets, or MODULE:CLASS of policies that only select a controller.
         out: Folder for steps.json and steps.png.
-        seeds: Randomised robots on each floor; 4 take about 20 minutes on two cores.
-        workers: Processes.
+        seeds: Number of randomised robots per floor and gait; 4 take about 20 minutes on two cores.
+        workers: Number of processes.
     """
     require_least(1, seeds=seeds, workers=workers)
     chosen = tuple(dict.fromkeys(gaits))
     for gait in chosen:
-        step_study.controller_of(gait)  # refuses an unknown one before anything is written
+        step_study.controller_of(gait)  # raises for an unknown gait before anything is written
     folder = output_folder(out)
     rows = studied(
         folder, "steps", "run", len(step_study.cells(chosen)) * seeds, json=json,
@@ -128,14 +129,14 @@ def steps(
 def ablations(
     out: Path = Path("out/ablations"), scenarios: int = SCENARIOS, workers: int = cpu_count(), json: JsonArg = False
 ) -> None:
-    """Remove each part from the best controllers of flight and ground, one at a time. Resumes.
+    """Remove each part of the best controllers of flight and crawl, one at a time; resumable.
 
-    All tracks of both, in pairs with the whole controller: the ratio of the errors.
+    The result is the ratio of the errors to those of the complete controller, on all tracks of flight and ground.
 
     Args:
         out: Folder for ablations.json and ablations.png.
-        scenarios: Test scenarios of each track; all 50 take about half an hour on two cores.
-        workers: Processes.
+        scenarios: Number of test scenarios per track; all 50 take about half an hour on two cores.
+        workers: Number of processes.
     """
     require_least(1, workers=workers)
     if not 1 <= scenarios <= SCENARIOS:
@@ -152,7 +153,7 @@ def ablations(
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point: an error is one line on stderr and exit status 2; Ctrl-C is 130."""
+    """Run the command line; an error prints one line on stderr and exits with status 2, Ctrl-C with 130."""
     name = "python -m spidar_gym.studies"
     run_cli(name, lambda: app.cli(prog=name, description="Studies beyond the paper.", args=arguments))
 

@@ -1,4 +1,4 @@
-"""What each part of the best controllers is worth: one of them off at a time, on every track of flight and ground."""
+"""Ablations of the best controllers: one part switched off at a time, on every track of flight and ground."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -26,11 +26,11 @@ from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.policies.presets import OwnController
 
 BEST = {"flight": "retuned", "ground": "robust_retuned"}
-"""Preset that parts are taken from, by group of tracks."""
+"""Preset whose parts are removed, by group of tracks."""
 WHOLE = "all of it"
-"""What the controller with all of its parts is called."""
+"""Name of the complete controller."""
 OVERALL = "overall"
-"""Column of the geometric mean over the tracks."""
+"""Name of the geometric mean over the tracks."""
 
 
 def _without_integral(gains: tuple[Gains, ...]) -> tuple[Gains, ...]:
@@ -38,7 +38,7 @@ def _without_integral(gains: tuple[Gains, ...]) -> tuple[Gains, ...]:
 
 
 def flights() -> dict[str, dict[str, Any]]:
-    """The best controller in the air, and without each of its parts: name → arguments of `gym.make`."""
+    """Return the best flight controller, complete and without each part: name → arguments of `gym.make`."""
     best = controller_config(BEST["flight"])
     gains, options = best.centroidal, best.compensation
 
@@ -71,7 +71,7 @@ def flights() -> dict[str, dict[str, Any]]:
 
 
 def crawls() -> dict[str, dict[str, Any]]:
-    """The best crawler, and without each of its parts: name → arguments of `gym.make`."""
+    """Return the best crawler, complete and without each part: name → arguments of `gym.make`."""
     best, plain = crawler_config(BEST["ground"]), CrawlerConfig()
     gait = best.gait
 
@@ -102,12 +102,12 @@ def crawls() -> dict[str, dict[str, Any]]:
 
 
 PARTS: Mapping[str, Callable[[], dict[str, dict[str, Any]]]] = {"flight": flights, "ground": crawls}
-"""Group of tracks → what plays them."""
+"""Group of tracks → function that returns its controllers."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """One controller on one track."""
+    """Evaluation of one controller on one track."""
 
     group: str
     """Group of the track."""
@@ -116,11 +116,11 @@ class Job:
     track: str
     """Track."""
     scenarios: int
-    """How many of its test scenarios, from the first on."""
+    """Number of test scenarios, from the first."""
 
 
 def play_job(job: Job) -> dict[str, Any]:
-    """Errors of the scenarios and whether each was a success."""
+    """Evaluate a job: errors and success of the scenarios."""
     arguments = PARTS[job.group]()[job.name]
     played = play(OwnController(arguments), job.track, load_scenarios(job.track)[0][: job.scenarios])
     metrics = [one["metrics"] for one in played]
@@ -128,7 +128,7 @@ def play_job(job: Job) -> dict[str, Any]:
 
 
 def jobs(scenarios: int = SCENARIOS) -> list[Job]:
-    """All of the work."""
+    """Return the jobs of the study."""
     return [
         Job(group, name, track, scenarios)
         for group, parts in PARTS.items()
@@ -142,13 +142,14 @@ def study(
     *, scenarios: int = SCENARIOS, workers: int = 1, folder: Path | None = None,
     on_job: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Play every controller on every track of its group, in pairs with the whole one.
+    """Evaluate every controller on every track of its group, paired with the complete controller.
 
-    Those of an interrupted call are in `folder`, and are not played again.
+    Finished jobs are stored in `folder`, and an interrupted call resumes from them.
 
     Returns:
-        One row a controller and track, and one for all tracks together (`OVERALL`): `group`, `name`, `track`, `factor`,
-        how many times the error of the whole one, with `low` and `high`, its 95 % interval, and `success`, the share.
+        One row per controller and track, and one for all tracks together (`OVERALL`): `group`, `name` and `track`;
+        `factor`, the error over that of the complete controller; `low` and `high`, its 95 % interval; `success`, the
+        share of successes.
     """
     work = jobs(scenarios)
     played = finish(play_job, work, workers=workers, folder=folder, on_done=lambda *_: on_job())
@@ -163,23 +164,23 @@ def study(
                 ]
                 success = float(np.mean([of[group, name, t]["success"] for t in own]))
                 factor = stratified_bootstrap(strata, _factor, named_generator(group, name, place))
-                told = {"factor": factor.value, "low": factor.low, "high": factor.high, "success": success}
-                rows.append({"group": group, "name": name, "track": place, **told})
+                figures = {"factor": factor.value, "low": factor.low, "high": factor.high, "success": success}
+                rows.append({"group": group, "name": name, "track": place, **figures})
     return rows
 
 
 def _factor(strata: Strata) -> Numbers:
-    """How many times the error of the whole one, the geometric mean over the tracks."""
+    """Return the error over that of the complete controller, as geometric mean over the tracks."""
     return 1.0 / overall_score(strata)
 
 
 def ablation_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """The table: a line a controller, a column a track, the groups one below the other."""
+    """Return the table, with one line per controller, one column per track, and the groups one below the other."""
     lines = list[list[str]]()
     for own in PARTS:
         ours = [row for row in rows if row["group"] == own]
         tracks = list(dict.fromkeys(row["track"] for row in ours))
-        heading = [f"error of {BEST[own]} times", *(track.removeprefix(f"{own}-") for track in tracks)]
+        heading = [f"error over that of {BEST[own]}", *(track.removeprefix(f"{own}-") for track in tracks)]
         lines.append(heading)
         for name in dict.fromkeys(row["name"] for row in ours):
             cells = {row["track"]: _cell(row) for row in ours if row["name"] == name}

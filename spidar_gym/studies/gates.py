@@ -1,4 +1,4 @@
-"""How far each gait goes: single gates of swept sizes, far beyond what a course draws, until it fails."""
+"""Limits of each gait: single gates whose sizes are swept far beyond those of a course, until the gait fails."""
 
 import math
 from collections import Counter
@@ -41,31 +41,32 @@ SWEPT = {
     "tiles": (0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3, 0.5),
     "slope": (0.02, 0.05, 0.1, 0.15, 0.175, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8),
 }
-"""Sizes of each kind of gate: heights, clearances, widths, highest tiles [m], angles [rad]."""
+"""Swept sizes of each kind of gate: heights, clearances, widths, heights of the highest tile [m], angles [rad]."""
 CLIMBS = {"wall": 0.1, "platform": 0.1, "tiles": 0.2, "slope": 0.4}
-"""Who crawls is asked for no more than this: at half of it all have failed."""
+"""Largest sizes that are tried with crawl only; all robots already fail at half of these sizes."""
 GAITS = ("rule", "fly wide", "fly narrow", "crawl")
-"""The rule with both gaits; flying alone in form ① and in form ③; crawling alone."""
+"""Gaits: the rule with both gaits; flight only, in form ① and in form ③; crawl only."""
 BEGIN, BEHIND = 1.8, 1.8
-"""The gate begins so far from the start, and the goal lies so far behind one that is passed [m]."""
+"""Distance from the start to the gate, and from the end of a passed gate to the goal [m]."""
 SECONDS, PATIENCE, STEP = 150.0, 25.0, 0.05
-"""Length of an episode [s]; who does not come nearer by a step [m] within the patience [s] is stuck."""
+"""Length of an episode [s]; a robot is stuck if its distance to the goal falls by less than `STEP` [m] in `PATIENCE`
+[s]."""
 STRENGTH = 0.5
-"""Robots are drawn with this strength of the randomisation, and see through sensors."""
+"""Strength of the randomisation of the robots, which have noisy sensors."""
 HIGHEST = CEILING - 0.3
-"""Who flies alone goes no higher than this, whatever the wall [m]."""
+"""Largest height of flight only, for walls of any height [m]."""
 LANDED = 0.3
-"""Who only flies has arrived where it lies so near to the goal [m]; who crawls, where the task calls it a success."""
+"""Distance from the goal within which flight only has arrived [m]; with crawls the task's success is required."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One robot before one gate."""
+    """One robot at one gate."""
 
     kind: str
     """Kind of the gate."""
     size: float
-    """Its size [m or rad]."""
+    """Size of the gate [m or rad]."""
     gait: str
     """One of `GAITS`."""
     seed: int
@@ -73,7 +74,7 @@ class Case:
 
 
 def course_of(kind: str, size: float, seed: int) -> Course:
-    """The course of a single gate or floor, of a size that may be impossible, with the goal behind or on it."""
+    """Build the course of a single gate or floor, with the goal behind or on it; the size may be impassable."""
     gate = Gate(kind, BEGIN, BEGIN + DEPTHS.get(kind, FLOOR_LENGTH), size)
     goal = Pose2(gate.end + BEHIND if gate.is_passed else gate.begin + sum(GOAL_WAY) / 2.0)
     rng = np.random.Generator(np.random.PCG64(seed))
@@ -81,14 +82,14 @@ def course_of(kind: str, size: float, seed: int) -> Course:
 
 
 def fly_alone(course: Course, position_w: Vector3, joint_position: JointVector, phase: str, narrow: float) -> Target:
-    """Where to go for one who never crawls: past the gate in one form, down over the goal, and there it rests.
+    """Return the target of flight only: pass the gate in one form, land at the goal, and stay there.
 
     Args:
-        course: The map, of a single gate.
-        position_w: Of the torso (3,), world [m].
-        joint_position: q (16,) [rad].
-        phase: What the manager of both gaits is doing.
-        narrow: The form, from 0, stretched out, to 1, legs below.
+        course: Course with a single gate.
+        position_w: Position of the torso, world, (3,) [m].
+        joint_position: q, (16,) [rad].
+        phase: Phase of the locomotion manager.
+        narrow: Form, from 0, stretched out, to 1, legs below the torso.
     """
     x, y, z = position_w.tolist()
     gate, goal = course.gates[0], course.goal
@@ -111,7 +112,7 @@ def fly_alone(course: Course, position_w: Vector3, joint_position: JointVector, 
 
 
 def choose(gait: str, course: Course, position_w: Vector3, joint_position: JointVector, phase: str) -> Target:
-    """Where a gait goes from here."""
+    """Return the next target of a gait."""
     if gait.startswith("fly"):
         return fly_alone(course, position_w, joint_position, phase, float(gait == "fly narrow"))
     target = course_rule(course, position_w, joint_position, phase, flies=gait == "rule")
@@ -119,7 +120,7 @@ def choose(gait: str, course: Course, position_w: Vector3, joint_position: Joint
 
 
 def play(case: Case) -> dict[str, Any]:
-    """One episode: whether the robot arrived, why not, and what it took.
+    """Run one episode of a case.
 
     Returns:
         `arrived`; `failure`, a word of `info["failure"]`, or `stuck`; `time_s` [s]; `off_m`, distance from the goal.
@@ -145,9 +146,9 @@ def play(case: Case) -> dict[str, Any]:
 
 
 def gaits_at(kind: str, size: float) -> tuple[str, ...]:
-    """Which gaits are tried on a gate.
+    """Return the gaits that are tried at a gate.
 
-    On a floor every flight lands in the pose in which a crawl begins, so there is no narrow one.
+    On a floor there is no narrow flight, since every flight lands in the start pose of a crawl.
     """
     climbs = size > CLIMBS.get(kind, size)
     return tuple(
@@ -157,17 +158,20 @@ def gaits_at(kind: str, size: float) -> tuple[str, ...]:
 
 
 def cells() -> list[tuple[str, float, str]]:
-    """Kind, size and gait of every cell of the sweep."""
+    """Return kind, size and gait of every cell of the sweep."""
     return [(kind, size, gait) for kind, sizes in SWEPT.items() for size in sizes for gait in gaits_at(kind, size)]
 
 
 def sweep(
     *, seeds: int = 6, workers: int = 1, folder: Path | None = None, on_run: Callable[[], object] = lambda: None
 ) -> list[dict[str, Any]]:
-    """Every gait before every gate, with `seeds` drawn robots each; what an interrupted call has played is kept.
+    """Run every gait at every gate, with `seeds` randomised robots each.
+
+    Finished runs are stored in `folder`, and an interrupted call resumes from them.
+
 
     Returns:
-        One row a cell: kind, size, gait, runs, how many arrived, why the others did not, median time of arrival [s].
+        One row per cell: kind, size, gait, number of runs and arrivals, failures, median time of arrival [s].
     """
     cases = [Case(*cell, seed) for cell in cells() for seed in range(seeds)]
     found = finish(play, cases, workers=workers, folder=folder, on_done=lambda *_: on_run())
@@ -184,8 +188,8 @@ def sweep(
 
 
 def gate_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """The rows as a table: at which sizes all robots of a gait arrive, some, and none."""
-    lines = [["gate", "drawn", "gait", "all arrive", "some", "none", "how it fails"]]
+    """Return the rows as a table of the sizes at which all robots of a gait arrive, some, and none."""
+    lines = [["gate", "sizes of Course-v0", "gait", "all arrive", "some", "none", "failures"]]
     for (kind, gait), found in groupby(sorted(rows, key=_place), key=lambda row: (row["kind"], row["gait"])):
         own = list(found)
         unit, swept = POSSIBLE[kind][2], [row["size"] for row in own]
@@ -207,12 +211,12 @@ def gate_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
 
 
 def _place(row: dict[str, Any]) -> tuple[int, int, float]:
-    """Where a row stands in the table."""
+    """Return the sort key of a row in the table."""
     return list(SWEPT).index(row["kind"]), GAITS.index(row["gait"]), row["size"]
 
 
 def _sizes(swept: list[float], chosen: list[bool]) -> str:
-    """Sizes that are chosen, neighbours as one stretch."""
+    """Format the chosen sizes, with neighbours as one range."""
     runs = [
         list(own) for is_chosen, own in groupby(zip(swept, chosen, strict=True), key=lambda each: each[1]) if is_chosen
     ]

@@ -1,4 +1,4 @@
-"""Up and down again: a robot on a floor that a manager of both gaits takes to the air and back, and what many do."""
+"""Take-off and landing by the locomotion manager: single trips, and statistics of many robots."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -30,59 +30,59 @@ from spidar_gym.state import Command
 JOINT_SPEED = 0.6
 """Joint speed of the legs [rad/s]."""
 HOP = (TakeOff(1.0), Land())
-"""From lying to a hover at 1 m and back."""
+"""Commands of a hop: from the floor to a hover at 1 m and back."""
 CONFIG = ManagerConfig(flight=replace(controller_config("tuned"), joint_speed=JOINT_SPEED))
-"""Who flies and crawls on a hop."""
+"""Configuration of the locomotion manager."""
 NEAR_FLOOR = ("spool", "descend", "unload")
-"""Phases in which floor and rotors hand the robot over to each other."""
+"""Phases in which the robot's weight changes between floor and rotors."""
 SETTLING = 40
-"""Ticks that a robot lies before it is told anything."""
+"""Ticks on the floor before the first command."""
 LONGEST = 100.0
-"""No phase is waited for longer [s]."""
+"""Largest time to wait for a phase [s]."""
 
 
 @dataclass
 class Seen:
-    """What a trip looked like, tick by tick."""
+    """Log of a trip, with one entry per tick."""
 
     time: list[float] = field(default_factory=list)
-    """[s]."""
+    """Time [s]."""
     phase: list[str] = field(default_factory=list)
     """One of `PHASES`."""
     position_w: list[np.ndarray] = field(default_factory=list)
-    """Torso, true, shape (3,) [m]."""
+    """True position of the torso, world, shape (3,) [m]."""
     tilt: list[float] = field(default_factory=list)
     """Angle between the torso's axis and the vertical [rad]."""
     against_floor: list[float] = field(default_factory=list)
-    """The same to the floor's normal [rad]."""
+    """Angle between the torso's axis and the floor's normal [rad]."""
     thrust: list[float] = field(default_factory=list)
     """Commanded Σλ [N]."""
     vectoring: list[np.ndarray] = field(default_factory=list)
-    """Commanded, shape (8, 2) [rad]."""
+    """Commanded vectoring angles, shape (8, 2) [rad]."""
     touchdown: float = 0.0
-    """Downward speed of the torso before the first touch of a descent [m/s]."""
+    """Downward speed of the torso before the first contact of a descent [m/s]."""
     slip: float = 0.0
-    """How far feet have slid while the thrust came and went, the fastest foot of every tick [m]."""
+    """Slip of the feet in spool and unload, integrated over the fastest foot of every tick [m]."""
     done: float | None = None
-    """When nothing was left to do [s]."""
+    """Time at which all commands are done [s]."""
 
     def phases(self) -> list[str]:
-        """Phases in their order."""
+        """Return the phases in order."""
         return [p for k, p in enumerate(self.phase) if k == 0 or self.phase[k - 1] != p]
 
     def during(self, *phases: str) -> np.ndarray:
-        """Which ticks were in these phases, shape (n,)."""
+        """Return a mask of the ticks in these phases, shape (n,)."""
         return np.isin(self.phase, phases)
 
     def steps(self, *phases: str, after: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Changes in every tick of these phases against the tick before it.
+        """Return the changes of the commands in every tick of these phases, relative to the tick before.
 
         Args:
-            phases: Their names.
-            after: With the tick that follows upon each of them.
+            phases: Names of the phases.
+            after: Whether to include the tick after each phase.
 
         Returns:
-            Of Σλ, shape (k,) [N], and the largest of a vectoring angle, shape (k,) [rad].
+            Changes of Σλ, shape (k,) [N], and largest changes of a vectoring angle, shape (k,) [rad].
         """
         during = self.during(*phases)
         chosen = during[1:] | (during[:-1] & after)
@@ -91,22 +91,22 @@ class Seen:
 
 
 class Trip:
-    """One robot on a floor with a manager."""
+    """Simulation of one robot on a floor with a locomotion manager."""
 
     def __init__(
         self, seed: int = 0, *, strength: float = 0.0, sense: bool = False, ground: GroundConfig | None = None,
         wind: float = 0.0, push: float = 0.0, manager: Any = None,  # noqa: ANN401 - either manager, or both at once
     ) -> None:  # fmt: skip
-        """Lay it down.
+        """Place the robot on the floor.
 
         Args:
-            seed: Of the robot, its noise and the weather.
-            strength: Of the randomisation, 0 for the nominal robot.
-            sense: Whether the manager sees what the sensors and the estimator make of the robot, not the robot.
-            ground: The floor.
+            seed: Seed of the robot, its noise and the weather.
+            strength: Strength of the randomisation, 0 for the nominal robot.
+            sense: Whether the manager receives the estimate from noisy sensors instead of the true state.
+            ground: Floor; flat if None.
             wind: Mean wind [m/s].
             push: Force of pushes [N].
-            manager: Who moves it; the readable manager if none is given.
+            manager: Locomotion manager; the Python implementation if None.
         """
         rng, ground = np.random.Generator(np.random.PCG64(seed)), ground or GroundConfig()
         config = PlantConfig(sense=sense, ground=ground, joint_speed=JOINT_SPEED)
@@ -126,7 +126,7 @@ class Trip:
         for _ in range(SETTLING):
             state = self.plant.step(still)
         self.state = self.seen = state
-        """The true one, and what the manager sees."""
+        """True state, and the state that the manager receives."""
         if sense:
             first = self.plant.measure()
             self.estimator.reset(replace(state, joint_position=first.joint_position, vectoring=first.vectoring))
@@ -134,7 +134,7 @@ class Trip:
         self.seen_so_far = Seen()
 
     def tick(self) -> None:
-        """One control period."""
+        """Simulate one control period."""
         seen, m, fell = self.seen_so_far, self.manager, float(self.state.velocity_w[2])
         command = m.step(self.seen)
         self.state = self.plant.step(command)
@@ -155,15 +155,15 @@ class Trip:
         seen.vectoring.append(command.vectoring)
 
     def until(self, phase: str, ticks: int = 0) -> None:
-        """Tick until this phase, and that many ticks into it.
+        """Simulate until a phase begins, and `ticks` ticks more.
 
         Raises:
-            SpidarError: When it does not come.
+            SpidarError: If the phase does not begin within `LONGEST`.
         """
         while self.manager.phase != phase:
             self.tick()
             if len(self.seen_so_far.time) > LONGEST * CONTROL_RATE:
-                raise SpidarError(f"{phase} did not come within {LONGEST:g} s; valid: a phase of what it was told")
+                raise SpidarError(f"{phase} did not begin within {LONGEST:g} s; valid: a phase of the commands")
         for _ in range(ticks):
             self.tick()
 
@@ -171,12 +171,12 @@ class Trip:
         self, commands: Iterable[LocomotionCommand], seconds: float = 40.0, *,
         interrupt: tuple[float, Iterable[LocomotionCommand]] | None = None,
     ) -> Seen:  # fmt: skip
-        """Do these commands, and half a second more.
+        """Execute commands, and simulate half a second more.
 
         Args:
-            commands: What the manager is told.
-            seconds: How long at most [s].
-            interrupt: From a time on [s] do others.
+            commands: Commands of the manager.
+            seconds: Largest duration [s].
+            interrupt: Time [s], and commands that replace the others at this time.
         """
         self.manager.reset(self.seen, commands)
         seen = self.seen_so_far
@@ -191,26 +191,26 @@ class Trip:
         return seen
 
 
-# ---- many of them ----
+# ---- statistics of many robots ----
 
 STRENGTH, WIND = 1.0, 2.0
-"""Strength of the drawn robots' randomisation, and the wind that they fly in [m/s]."""
+"""Strength of the randomisation, and mean wind speed for the randomised robots [m/s]."""
 HOVERED = 10.0
-"""So long each robot hovers beside its hop, for the changes of Σλ that a hover takes [s]."""
+"""Duration of a separate hover of each robot, for comparison of the changes of Σλ [s]."""
 QUANTILE = 0.999
-"""What share of those changes, over all robots, is below the figure that is told."""
+"""Quantile of the changes of Σλ over all robots that is reported."""
 LARGEST_STEP = 5.0
-"""Σλ of a nominal robot changes by no more in a tick of a hand-over [N]."""
+"""Largest allowed change of Σλ per tick in `NEAR_FLOOR` for nominal robots [N]."""
 BARS = {"touchdown_m_s": 0.35, "tilt_rad": 0.1, "slip_m": 0.05, "seconds": 15.0,
         "turn_rad": ROBOT.max_vectoring_speed / CONTROL_RATE}  # fmt: skip
-"""A hop has to stay below these, the last a vectoring servo's slew in a tick."""
+"""Limits of a hop; the last is the largest motion of a vectoring servo in a tick."""
 ROUNDING = 1e-9
-"""What is asked for at a limit is at it within this."""
+"""Tolerance for commands at a limit."""
 
 
 @dataclass(frozen=True)
 class Hop:
-    """One robot's hop, with sensors and the estimator."""
+    """Hop of one robot with noisy sensors and the estimator."""
 
     seed: int
     """Seed of the robot, its noise and the weather."""
@@ -221,9 +221,9 @@ class Hop:
 
 
 def fly_hop(hop: Hop) -> dict[str, Any]:
-    """What a hop was like: whether it lies again, the figures of `BARS`, and every change of Σλ [N].
+    """Simulate a hop: whether the robot landed, the figures of `BARS`, and every change of Σλ [N].
 
-    `steps_n` are those of the hand-overs, `hover_steps_n` those of the same robot in a hover of `HOVERED` seconds.
+    `steps_n` are the changes in `NEAR_FLOOR`, `hover_steps_n` those of the same robot in a hover of `HOVERED` seconds.
     """
     how: dict[str, Any] = dict(strength=hop.strength, wind=hop.wind, sense=True)
     seen = Trip(hop.seed, manager=CoreManager(CONFIG), **how).fly(HOP)
@@ -247,17 +247,17 @@ def hop_study(
     robots: int = 100, *, strength: float = STRENGTH, wind: float = WIND, workers: int = 1,
     folder: Path | None = None, on_hop: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Hops of noisy nominal robots, and of drawn ones in wind; a row of figures each.
+    """Simulate hops of nominal robots with noise, and of randomised robots in wind; return one row for each kind.
 
-    Hops of an interrupted call are in `folder`, and are not flown again.
+    Finished hops are stored in `folder`, and an interrupted call resumes from them.
 
     Args:
-        robots: Of either kind; their seeds count from 0.
-        strength: Of the drawn ones' randomisation.
-        wind: That they fly in [m/s].
-        workers: Processes.
-        folder: Where finished hops are kept.
-        on_hop: Called after each, for progress.
+        robots: Number of robots of each kind; their seeds start at 0.
+        strength: Strength of the randomisation.
+        wind: Mean wind speed for the randomised robots [m/s].
+        workers: Number of processes.
+        folder: Folder for finished hops.
+        on_hop: Called after each hop, for progress bars.
 
     Raises:
         InvalidValueError: For a strength outside 0 … 1.
@@ -273,7 +273,7 @@ def hop_study(
 
 
 def _row(hops: list[dict[str, Any]], drawn: dict[str, float]) -> dict[str, Any]:
-    """Figures of many hops: medians and worsts, and changes of Σλ over all ticks."""
+    """Compute the figures of many hops: median and worst robot, and quantiles of the changes of Σλ over all ticks."""
     steps, hovered = (np.concatenate([hop[key] for hop in hops]) for key in ("steps_n", "hover_steps_n"))
     largest = [max(hop["steps_n"]) for hop in hops]
     within = [hop["landed"] and all(hop[key] <= bar + ROUNDING for key, bar in BARS.items()) for hop in hops]
@@ -299,22 +299,22 @@ _LINES = (
 
 
 def hop_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """The rows as a table, a column each: median … worst robot, beside what is allowed."""
-    names = [f"drawn at strength {row['strength']:g}, wind {row['wind']:g} m/s" if row["strength"] or row["wind"]
+    """Return the table with one column per row: median … worst robot, beside the limit."""
+    names = [f"randomised at strength {row['strength']:g}, wind {row['wind']:g} m/s" if row["strength"] or row["wind"]
              else "noisy nominal" for row in rows]  # fmt: skip
 
     def cells(key: str, factor: float, digits: int) -> list[str]:
         return [f"{factor * row[key]['median']:.{digits}f} … {factor * row[key]['worst']:.{digits}f}" for row in rows]
 
     lines = [["hop", "allowed", *names]]
-    lines += [["lies again", "", *(f"{row['landed']} of {row['robots']}" for row in rows)]]
-    lines += [["… within everything below", "", *(f"{row['within']} of {row['robots']}" for row in rows)]]
+    lines += [["landed", "", *(f"{row['landed']} of {row['robots']}" for row in rows)]]
+    lines += [["… within all limits below", "", *(f"{row['within']} of {row['robots']}" for row in rows)]]
     lines += [[label, f"{factor * BARS[key]:.{digits}f}", *cells(key, factor, digits)]
               for label, key, factor, digits in _LINES]  # fmt: skip
     lines += [["change of Σλ at hand-overs [N/tick]", f"{LARGEST_STEP:g}, nominal", *cells("largest_step_n", 1.0, 2)]]
     for label, bar, key in (
-        (f"… {QUANTILE:.1%} of all ticks", "that of the hover", "step_quantile_n"),
-        (f"… the same in a hover of {HOVERED:g} s", "", "hover_step_quantile_n"),
+        (f"… {QUANTILE:.1%} quantile of all ticks", "that of the hover", "step_quantile_n"),
+        (f"… {QUANTILE:.1%} quantile in a hover of {HOVERED:g} s", "", "hover_step_quantile_n"),
     ):
         lines.append([label, bar, *(f"{row[key]:.2f}" for row in rows)])
     return lines

@@ -1,4 +1,4 @@
-"""Losing a rotor: what statics allows and what flight shows, for each rotor, form and fault."""
+"""Loss of a rotor: static feasibility and a simulated flight for each rotor, form and fault."""
 
 from collections.abc import Callable
 from itertools import product
@@ -15,13 +15,14 @@ from spidar_gym.sim.disturbances import FAULTS
 from spidar_gym.state import Reference
 
 FAULT_SECONDS = 12.0
-"""Length of a flight with a lost rotor; it fails after 2 s."""
+"""Length of a flight with a rotor that fails after 2 s [s]."""
 
 
 def lost_rotors(preset: str = "paper", *, on_flight: Callable[[], object] = lambda: None) -> list[dict[str, Any]]:
-    """Lose each rotor in each form, its thrust or its vectoring: what statics allows, and what flight shows.
+    """Fail each rotor in each form, in thrust or in vectoring; compute static feasibility, and simulate a flight.
 
-    The allocation is told which one. Statics: the allocation of a level hover in that form, all constraints at once.
+    The fault is reported to the allocation. A form is feasible if the allocation of a level hover fulfils all
+    constraints.
     """
     rows = []
     controller = FlightController(controller_config(preset))
@@ -70,7 +71,7 @@ def _fly_lost(preset: str, form: str, disturbances: dict[str, Any]) -> dict[str,
 
 
 def lost_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """The rows as a table."""
+    """Return the rows as a table."""
     lines = [["fault", "form", "rotor", "statics", "τ static", "λ static", "position", "attitude", "flight"]]
     for row in rows:
         flight = f"{row['failure']} after {row['seconds']:.1f} s" if row["failure"] else "in the air"

@@ -1,4 +1,4 @@
-"""How high a step each gait climbs: tiles and stairs of swept heights, with feet lifted as they are, and higher."""
+"""Climbing limits of the gaits: a sweep of the heights of tiles and stairs, with default and higher foot lift."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -19,17 +19,17 @@ from spidar_gym.policies.policy import policy_arguments, policy_name
 from spidar_gym.policies.rollout import rollout
 
 GAITS = ("robust", "robust_overlapped", "baselines.walking:Walking")
-"""Presets, or policies that are a controller."""
+"""Crawler presets, or policies that only select a controller."""
 HEIGHTS = (0.02, 0.04, 0.06, 0.08, 0.1)
-"""Heights of the stairs, and of the highest tiles [m]."""
+"""Heights of the steps of stairs, and of the highest tile [m]."""
 TERRAINS = ("tiles", "stairs")
-"""What has steps."""
+"""Floors with steps."""
 FEET = ("as it does", "higher")
-"""How high feet are lifted: as the gait does, or by `RAISE`, the torso by at least `LIFT`."""
+"""Foot lift: the gait's default, or at least `RAISE`, with a torso lift of at least `LIFT`."""
 RAISE, LIFT = 0.3, 0.08
-"""Angle of the legs [rad]: a foot rises by some 0.2 m; height of the torso [m]."""
+"""Angle by which the legs are raised [rad], which lifts a foot by about 0.2 m; lift of the torso [m]."""
 OPTIONS = {"distance": 0.8, "direction": 0.0, "turn": 0.0, "sensors": True, "randomization": 0.3, "horizon_s": 150.0}
-"""The way, and the robots: those of the track `ground-steps`."""
+"""Goal and robots, as on the track `ground-steps`."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Case:
     """One robot on one floor."""
 
     gait: str
-    """A preset, or a policy that is a controller."""
+    """Crawler preset, or policy that only selects a controller."""
     feet: str
     """One of `FEET`."""
     terrain: str
@@ -49,11 +49,12 @@ class Case:
 
 
 def controller_of(gait: str) -> dict[str, Any]:
-    """What `gym.make` is told of a gait: `controller`, a `CrawlerConfig`, and a `law` where it has one of its own.
+    """Return a gait's arguments of `gym.make`: `controller`, a `CrawlerConfig`, and `law` for a custom control law.
 
     Raises:
-        InvalidValueError: For a policy that is no controller on the ground; names that lead nowhere are refused as
-            everywhere.
+        InvalidValueError: For a policy that does not only select a controller on the ground.
+        UnknownNameError: For an unknown preset.
+        PolicyError: For an unknown policy.
     """
     if ":" not in gait:
         return {"controller": crawler_config(gait)}
@@ -61,18 +62,18 @@ def controller_of(gait: str) -> dict[str, Any]:
     config = found.get("controller") or (crawler_config(found["preset"]) if "preset" in found else None)
     if not isinstance(config, CrawlerConfig) or not found.keys() <= {"preset", "controller", "law"}:
         raise InvalidValueError(
-            "gaits", gait, "a preset of the crawl, or module:CLASS of a policy that is a controller"
+            "gaits", gait, "a crawler preset, or module:CLASS of a policy that only selects a controller"
         )
     return {"controller": config, **({"law": found["law"]} if "law" in found else {})}
 
 
 def gait_name(gait: str) -> str:
-    """What a gait is called: its preset, or its policy's name."""
+    """Return the name of a gait: its preset, or its policy's name."""
     return policy_name(load_policy(gait)) if ":" in gait else gait
 
 
 def higher(config: CrawlerConfig) -> CrawlerConfig:
-    """The same gait with feet and torso lifted higher."""
+    """Return a gait with higher lift of feet and torso."""
     gait = config.gait
     lifted = replace(
         gait, raise_angle=max(gait.raise_angle, RAISE), lift_height=max(gait.lift_height, LIFT)
@@ -81,7 +82,7 @@ def higher(config: CrawlerConfig) -> CrawlerConfig:
 
 
 def play(case: Case) -> dict[str, Any]:
-    """Crawl once: `failure`, empty for a success, largest `slip_m` of a foot [m], `time_s` [s]."""
+    """Run one episode: `failure`, empty for a success, largest `slip_m` of a foot [m], `time_s` [s]."""
     arguments = controller_of(case.gait)
     if case.feet == FEET[1]:
         arguments["controller"] = higher(arguments["controller"])
@@ -94,7 +95,7 @@ def play(case: Case) -> dict[str, Any]:
 
 
 def cells(gaits: Sequence[str] = GAITS) -> list[tuple[str, str, str, float]]:
-    """Gait, feet, terrain and height of every cell of the sweep."""
+    """Return gait, foot lift, terrain and height of every cell of the sweep."""
     return [(g, feet, terrain, h) for g in gaits for feet in FEET for terrain in TERRAINS for h in HEIGHTS]
 
 
@@ -102,11 +103,14 @@ def sweep(
     gaits: Sequence[str] = GAITS, *, seeds: int = 4, workers: int = 1, folder: Path | None = None,
     on_run: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Every gait on every floor, with `seeds` drawn robots each; what an interrupted call has played is kept.
+    """Run every gait on every floor, with `seeds` randomised robots each.
+
+    Finished runs are stored in `folder`, and an interrupted call resumes from them.
+
 
     Returns:
-        One row a cell: gait, feet, terrain, height [m], runs, successes, what the others lacked, medians of slip [m]
-        and time [s].
+        One row per cell: gait, foot lift, terrain, height [m], number of runs and successes, failures, medians of slip
+        [m] and time [s].
     """
     names = {gait: gait_name(gait) for gait in gaits}
     cases = [Case(*cell, seed) for cell in cells(gaits) for seed in range(seeds)]
@@ -125,9 +129,9 @@ def sweep(
 
 
 def step_lines(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
-    """The rows as a table: a line a gait and terrain, a column a height."""
+    """Return the rows as a table, with one line per gait and terrain, and one column per height."""
     heights = sorted({row["height"] for row in rows})
-    lines = [["gait", "feet lifted", "terrain", *(f"{1e3 * h:.0f} mm" for h in heights), "what the others lack"]]
+    lines = [["gait", "feet lifted", "terrain", *(f"{1e3 * h:.0f} mm" for h in heights), "failures"]]
     for gait, feet, terrain in dict.fromkeys((row["gait"], row["feet"], row["terrain"]) for row in rows):
         own = {r["height"]: r for r in rows if (r["gait"], r["feet"], r["terrain"]) == (gait, feet, terrain)}
         failures = Counter[str]()

@@ -1,4 +1,4 @@
-"""Pins the ablations: each takes one part away, plays in pairs with the whole one, and is told with its interval."""
+"""Pins the ablations: each removes one part, is paired with the complete controller, and reported with its interval."""
 
 from dataclasses import fields
 
@@ -11,7 +11,7 @@ from spidar_gym.studies.ablations import BEST, OVERALL, PARTS, WHOLE, Job, ablat
 
 
 def changed(one, other):
-    """Names of the fields, nested ones too, in which two configurations differ."""
+    """Return the names of the fields, also nested, in which two configurations differ."""
     found = set()
     for each in fields(one):
         a, b = getattr(one, each.name), getattr(other, each.name)
@@ -23,7 +23,7 @@ def changed(one, other):
 
 
 @pytest.mark.parametrize("group", PARTS)
-def test_every_one_lacks_a_part_and_no_two_the_same(group):
+def test_every_ablation_lacks_a_different_part(group):
     parts = PARTS[group]()
     whole = parts[WHOLE]["controller"]
     for name, arguments in parts.items():
@@ -32,12 +32,12 @@ def test_every_one_lacks_a_part_and_no_two_the_same(group):
     assert len({repr(arguments) for arguments in parts.values()}) == len(parts)
 
 
-def test_every_track_of_both_groups_is_played_by_all():
+def test_every_controller_is_evaluated_on_every_track_of_its_group():
     assert {job.track for job in jobs()} == {name for name, track in TRACKS.items() if track.group in BEST}
     assert len(jobs()) == sum(len(PARTS[track.group]()) for track in TRACKS.values() if track.group in BEST)
 
 
-def test_a_part_that_matters_is_missed_and_the_whole_one_is_the_preset():
+def test_an_important_part_changes_the_error_and_the_complete_controller_is_the_preset():
     lame = play_job(Job("flight", "the paper's gains", "flight-fast5", 2))
     whole = play_job(Job("flight", WHOLE, "flight-fast5", 2))
     assert all(a > 2.0 * b for a, b in zip(lame["error"], whole["error"], strict=True))
@@ -47,7 +47,7 @@ def test_a_part_that_matters_is_missed_and_the_whole_one_is_the_preset():
 
 @pytest.fixture
 def played(monkeypatch):
-    """Errors that are 1, and 2 and a failure in four where something is missing."""
+    """Replace the evaluation: errors are 1 for the complete controller, and 2 with a failure in four for the others."""
 
     def made(job):
         worse = job.name != WHOLE
@@ -58,7 +58,7 @@ def played(monkeypatch):
 
 
 @pytest.mark.usefixtures("played")
-def test_the_table_tells_how_many_times_the_error_and_what_is_lost(tmp_path):
+def test_the_table_shows_the_ratio_of_the_errors_and_the_successes(tmp_path):
     rows = study(scenarios=4, folder=tmp_path)
     for row in rows:
         expected = 1.0 if row["name"] == WHOLE else 2.0
@@ -67,10 +67,10 @@ def test_the_table_tells_how_many_times_the_error_and_what_is_lost(tmp_path):
     assert {row["track"] for row in rows if row["group"] == "ground"} > {OVERALL, "ground-paper"}
     lines = ablation_lines(rows)
     assert len({len(line) for line in lines}) == 1
-    assert lines[0][:2] == [f"error of {BEST['flight']} times", OVERALL]
+    assert lines[0][:2] == [f"error over that of {BEST['flight']}", OVERALL]
     assert lines[1][:3] == [WHOLE, "1", "1"]
     assert lines[2][1] == "2.00 [2.00, 2.00], 75%"
     below = lines[len(PARTS["flight"]()) + 1 :]
-    assert below[0][:2] == [f"error of {BEST['ground']} times", OVERALL]
+    assert below[0][:2] == [f"error over that of {BEST['ground']}", OVERALL]
     assert [line[0] for line in below[1:]] == list(PARTS["ground"]())
-    assert {line[7] for line in below} == {""}  # it has two tracks less
+    assert {line[7] for line in below} == {""}  # the ground has two tracks fewer

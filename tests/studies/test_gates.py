@@ -1,4 +1,4 @@
-"""Pins the sweep of gates: it goes beyond what is drawn, each gait is what it says, it goes on where it was."""
+"""Pins the sweep of gates: sizes beyond those of a course, the behaviour of each gait, and resuming."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ from spidar_gym.tasks.course import SIZES
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_every_kind_is_swept_beyond_what_is_drawn():
+def test_every_kind_is_swept_beyond_the_sizes_of_a_course():
     assert {*SWEPT} == {*KINDS}
     easier = {"beam", "slot"}  # the larger, the easier
     for kind, sizes in SWEPT.items():
@@ -34,7 +34,7 @@ def test_a_course_has_one_gate_and_the_goal_behind_or_on_it():
     assert course_of("tiles", 0.02, 3) != course_of("tiles", 0.02, 4)
 
 
-def test_of_a_floor_there_is_no_narrow_flight_and_nobody_crawls_up_a_metre():
+def test_floors_have_no_narrow_flight_and_high_gates_no_crawl():
     tried = {(kind, gait) for kind, _, gait in cells()}
     assert ("slope", "fly narrow") not in tried
     assert {gait for kind, gait in tried if kind == "beam"} == {*GAITS}
@@ -50,7 +50,7 @@ def test_of_a_floor_there_is_no_narrow_flight_and_nobody_crawls_up_a_metre():
         ("beam", 0.8, "fly narrow", "hit"), ("slot", 0.9, "rule", "hit"), ("wall", 0.05, "crawl", "stuck"),
     ],
 )  # fmt: skip
-def test_a_gait_does_what_it_can_and_no_more(kind, size, gait, failure):
+def test_a_gait_passes_possible_gates_and_fails_at_others(kind, size, gait, failure):
     run = play(Case(kind, size, gait, 0))
     assert (run["arrived"], run["failure"]) == (failure == "", failure)
     assert (run["off_m"] < gate_study.LANDED) == run["arrived"]
@@ -59,7 +59,7 @@ def test_a_gait_does_what_it_can_and_no_more(kind, size, gait, failure):
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Episodes that take no time; gives the list of the cases played."""
+    """Replace the episodes by instant ones; returns the list of the cases that were run."""
     played = []
 
     def play(case):
@@ -71,7 +71,7 @@ def quick(monkeypatch):
     return played
 
 
-def test_a_sweep_goes_on_where_it_was_and_counts_what_arrives(quick, tmp_path):
+def test_a_sweep_resumes_and_counts_arrivals(quick, tmp_path):
     first = gate_study.sweep(seeds=1, folder=tmp_path)
     assert all(row["arrived"] == row["runs"] == 1 for row in first)
     assert len(quick) == len(cells())
@@ -83,7 +83,7 @@ def test_a_sweep_goes_on_where_it_was_and_counts_what_arrives(quick, tmp_path):
         assert row["time_s"] == (2.0 if row["size"] < 0.5 else 1.0)
 
 
-def test_the_table_says_where_all_arrive_and_where_none_does():
+def test_the_table_lists_the_sizes_at_which_all_arrive_and_at_which_none_does():
     rows = [
         {"kind": "wall", "size": size, "gait": "crawl", "runs": 4, "arrived": arrived, "failures": failures}
         for size, arrived, failures in (

@@ -1,4 +1,4 @@
-"""Pins the study of take-off and landing: what counts as one, that it goes on where it was, what its table says."""
+"""Pins the study of take-off and landing: limits, resuming and the table."""
 
 import json
 
@@ -28,30 +28,30 @@ def hop(**changes):
 
 
 def study(monkeypatch, *found):
-    """Rows of a study whose hops are these, of both kinds, one after the other."""
+    """Return the rows of a study whose hops are `found`: nominal robots first, then randomised ones."""
     monkeypatch.setattr(hops, "finish", lambda call, items, **_: list(found))
     return hop_study(len(found) // 2)
 
 
 @pytest.mark.parametrize("change", [*({key: bar + 0.01} for key, bar in BARS.items()), {"landed": False}])
 def test_a_robot_beyond_any_bar_is_not_within_all(monkeypatch, change):
-    nominal, drawn = study(monkeypatch, hop(), hop(**change), hop(), hop())
+    nominal, random = study(monkeypatch, hop(), hop(**change), hop(), hop())
     assert (nominal["within"], nominal["beyond"]) == (1, [1])
-    assert (drawn["within"], drawn["beyond"]) == (2, [])
+    assert (random["within"], random["beyond"]) == (2, [])
 
 
-def test_a_jolt_counts_against_a_nominal_robot_and_is_a_quantile_of_the_drawn_ones(monkeypatch):
+def test_a_jolt_exceeds_a_limit_of_nominal_robots_and_enters_the_quantile_of_randomised_ones(monkeypatch):
     jolt = {"steps_n": [1.0, LARGEST_STEP + 0.1], "hover_steps_n": [3.0, 9.0]}
-    nominal, drawn = study(monkeypatch, hop(**jolt), hop(**jolt))
-    assert (nominal["within"], drawn["within"]) == (0, 1)
-    assert drawn["step_quantile_n"] == pytest.approx(LARGEST_STEP + 0.1, abs=0.01)
-    assert drawn["hover_step_quantile_n"] == pytest.approx(9.0, abs=0.01)
-    table = hop_lines([nominal, drawn])
+    nominal, random = study(monkeypatch, hop(**jolt), hop(**jolt))
+    assert (nominal["within"], random["within"]) == (0, 1)
+    assert random["step_quantile_n"] == pytest.approx(LARGEST_STEP + 0.1, abs=0.01)
+    assert random["hover_step_quantile_n"] == pytest.approx(9.0, abs=0.01)
+    table = hop_lines([nominal, random])
     assert {len(line) for line in table} == {4}
-    assert table[0][2:] == ["noisy nominal", "drawn at strength 1, wind 2 m/s"]
+    assert table[0][2:] == ["noisy nominal", "randomised at strength 1, wind 2 m/s"]
 
 
-def test_a_study_goes_on_where_it_was(tmp_path, monkeypatch):
+def test_a_study_resumes(tmp_path, monkeypatch):
     flown = []
 
     def fly(one):
@@ -73,11 +73,11 @@ def test_a_study_goes_on_where_it_was(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_hop_of_a_robot_with_noise_stays_within_everything():
+def test_a_hop_of_a_robot_with_noise_stays_within_all_limits():
     found = fly_hop(Hop(5))
     assert found["landed"]
     assert all(0.0 < found[key] <= bar + 1e-9 for key, bar in BARS.items())
     assert max(found["steps_n"]) <= LARGEST_STEP + 1e-9
-    assert sum(found["steps_n"]) > 2.0 * 0.9 * ROBOT.weight  # all of it comes, and goes
+    assert sum(found["steps_n"]) > 2.0 * 0.9 * ROBOT.weight  # the thrust rises to the weight and falls again
     assert len(found["hover_steps_n"]) >= 400
     assert found == fly_hop(Hop(5))

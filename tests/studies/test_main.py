@@ -1,4 +1,4 @@
-"""Pins the studies at the command line: `python -m spidar_gym.studies NAME`."""
+"""Pins the studies' command line, `python -m spidar_gym.studies NAME`."""
 
 import json
 
@@ -13,7 +13,7 @@ from spidar_gym.studies.__main__ import main
 
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
-    """An empty working folder."""
+    """Return an empty working folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -36,7 +36,7 @@ def test_every_study_has_help(name, capfd):
         (["ablations", "--workers", "0"], "at least 1"),
         *((["steps", f"--{name}", "0"], "at least 1") for name in ("seeds", "workers")),
         (["steps", "--gaits", "trot"], "published, overlapped, robust"),
-        (["steps", "--gaits", "baselines.indi:Indi"], "module:CLASS of a policy that is a controller"),
+        (["steps", "--gaits", "baselines.indi:Indi"], "module:CLASS of a policy that only selects a controller"),
         *((["hops", f"--{name}", "0"], "at least 1") for name in ("robots", "workers")),
         *((["hops", "--strength", v], "within 0 … 1") for v in ("-0.1", "1.5", "nan")),
         *((["hops", "--wind", v], "at least 0 [m/s]") for v in ("-1", "nan")),
@@ -47,7 +47,7 @@ def test_an_impossible_argument_is_refused_in_one_line(arguments, expected, capf
     assert not files(here)
 
 
-def test_ablations_play_every_track_and_write_what_they_print(here, capfd, monkeypatch):
+def test_ablations_evaluate_every_track_and_write_the_printed_rows(here, capfd, monkeypatch):
     made = {"error": [1.0], "success": [True]}
     monkeypatch.setattr(ablations, "finish", lambda call, items, **_: [made for _ in items])
     monkeypatch.setattr(viz, "ablation_figure", lambda rows, path: path.write_bytes(b"drawn"))
@@ -70,13 +70,13 @@ def test_lost_reports_every_rotor_in_every_form_and_fault(here, capfd, monkeypat
         (fault, form, rotor) for fault in ("thrust", "vectoring") for form in FORMS for rotor in range(1, 9)
     }
     assert len(rows) == 2 * 8 * len(FORMS)
-    # What statics allows of form ②: seven rotors carry the robot whichever is lost.
+    # In form ② any seven rotors support the robot.
     assert all(row["feasible"] for row in rows if row["form"] == "form2")
     main(["lost"])
     assert sum(line.startswith(("thrust", "vectoring")) for line in capfd.readouterr().out.splitlines()) == len(rows)
 
 
-def test_gates_plays_every_gait_before_every_gate_and_writes_what_it_prints(here, capfd, monkeypatch):
+def test_gates_runs_every_gait_at_every_gate_and_writes_the_printed_rows(here, capfd, monkeypatch):
     run = {"arrived": True, "failure": "", "time_s": 20.0, "off_m": 0.0}
     monkeypatch.setattr(gates, "play", lambda case: run)
     monkeypatch.setattr(viz, "gate_figure", lambda rows, path: path.write_bytes(b"drawn"))
@@ -90,7 +90,7 @@ def test_gates_plays_every_gait_before_every_gate_and_writes_what_it_prints(here
     assert "all arrive" in capfd.readouterr().out
 
 
-def test_steps_plays_every_gait_on_every_floor_and_writes_what_it_prints(here, capfd, monkeypatch):
+def test_steps_runs_every_gait_on_every_floor_and_writes_the_printed_rows(here, capfd, monkeypatch):
     monkeypatch.setattr(steps, "play", lambda case: {"failure": "", "slip_m": 0.02, "time_s": 20.0})
     monkeypatch.setattr(viz, "step_figure", lambda rows, path: path.write_bytes(b"drawn"))
     main(["steps", "--gaits", "robust", "overlapped", "--seeds", "2", "--workers", "1", "--json", "--out", "o"])
@@ -99,4 +99,4 @@ def test_steps_plays_every_gait_on_every_floor_and_writes_what_it_prints(here, c
     assert {row["gait"] for row in rows} == {"robust", "overlapped"}
     assert all((row["runs"], row["successes"]) == (2, 2) for row in rows)
     main(["steps", "--seeds", "1", "--workers", "1"])
-    assert "what the others lack" in capfd.readouterr().out
+    assert "feet lifted" in capfd.readouterr().out

@@ -1,4 +1,4 @@
-"""Pins the sweep of steps: which gaits, lifted how, on what, and that it goes on where it was."""
+"""Pins the sweep of steps: gaits, foot lift, floors, and resuming."""
 
 import json
 from pathlib import Path
@@ -22,7 +22,7 @@ def test_the_floors_and_the_robots_are_those_of_the_track():
     assert HEIGHTS[-1] == track.ranges["steps"][1]
 
 
-def test_a_gait_is_a_preset_or_a_policy_that_is_a_controller():
+def test_a_gait_is_a_preset_or_a_policy_that_only_selects_a_controller():
     assert controller_of("robust") == {"controller": CRAWL_PRESETS["robust"]}
     assert controller_of("baselines.qp_tuned:QPTuned") == controller_of("robust")
     walking = controller_of("baselines.walking:Walking")
@@ -36,7 +36,7 @@ def test_a_gait_is_a_preset_or_a_policy_that_is_a_controller():
             controller_of(name)
 
 
-def test_lifted_higher_a_gait_is_no_lower_and_otherwise_the_same():
+def test_the_higher_lift_is_at_least_the_default_and_changes_nothing_else():
     for config in CRAWL_PRESETS.values():
         lifted = higher(config).gait
         assert lifted.raise_angle == max(config.gait.raise_angle, 0.3)
@@ -45,7 +45,7 @@ def test_lifted_higher_a_gait_is_no_lower_and_otherwise_the_same():
 
 
 @pytest.mark.slow
-def test_the_careful_gait_lifted_higher_climbs_stairs_on_which_it_slides_otherwise():
+def test_robust_with_higher_lift_climbs_stairs_on_which_it_slips_otherwise():
     plain, lifted = (play(Case("robust", feet, "stairs", 0.05, 1)) for feet in FEET)
     assert "slip" in plain["failure"]
     assert lifted["failure"] == ""
@@ -54,7 +54,7 @@ def test_the_careful_gait_lifted_higher_climbs_stairs_on_which_it_slides_otherwi
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Crawls that take no time; gives the list of the cases played."""
+    """Replace the crawls by instant ones; returns the list of the cases that were run."""
     played = []
 
     def play(case):
@@ -66,7 +66,7 @@ def quick(monkeypatch):
     return played
 
 
-def test_a_sweep_goes_on_where_it_was_and_counts_successes(quick, tmp_path):
+def test_a_sweep_resumes_and_counts_successes(quick, tmp_path):
     step_study.sweep(seeds=1, folder=tmp_path)
     assert len(quick) == len(cells())
     rows = step_study.sweep(seeds=3, folder=tmp_path)
@@ -77,7 +77,7 @@ def test_a_sweep_goes_on_where_it_was_and_counts_successes(quick, tmp_path):
         assert (row["runs"], row["successes"], row["slip_m"]) == (3, 3 - lost, 0.01)
         assert row["failures"] == ({"slip": 2, "time": 2} if lost else {})
     heading, first, *_ = step_study.step_lines(rows)
-    assert heading[3:] == ["20 mm", "40 mm", "60 mm", "80 mm", "100 mm", "what the others lack"]
+    assert heading[3:] == ["20 mm", "40 mm", "60 mm", "80 mm", "100 mm", "failures"]
     assert first == [
         "`robust`", "as it does", "tiles", *["3 of 3, 10 mm"] * 2, *["1 of 3, 10 mm"] * 3, "slip 6, time 6",
     ]  # fmt: skip
