@@ -1,4 +1,4 @@
-"""Figures and films of experiments: what the commands draw."""
+"""Figures and videos of experiments."""
 
 from spidar_gym.viz.courses import gate_figure, way_figure, way_of
 from spidar_gym.viz.figures import (

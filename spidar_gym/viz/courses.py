@@ -1,4 +1,4 @@
-"""Courses as figures: the way taken on one, from above and from the side; how far each gait goes before gates."""
+"""Figures of courses: the path of a robot, from above and from the side, and the limits of each gait at gates."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,26 +15,26 @@ GAIT_LOOKS = {
     "rule": (BLUE, "o", "-"), "fly wide": (VERMILLION, "D", "--"), "fly narrow": (GREEN, "s", "-."),
     "crawl": (PURPLE, "v", ":"),
 }  # fmt: skip
-"""Colour, mark and stroke of a gait."""
+"""Colour, marker and line style of a gait."""
 MEASURES = {
     "wall": "height of a wall", "beam": "clearance under a beam", "slot": "width of a slot",
     "platform": "height of a platform", "tiles": "highest tile", "slope": "angle of a slope",
 }  # fmt: skip
-"""What the size of each kind of gate is."""
+"""Meaning of the size of each kind of gate."""
 DECADES = ("wall", "platform", "tiles")
-"""Kinds whose sizes are drawn over decades: crawling fails at centimetres, flying at metres."""
+"""Kinds with a logarithmic axis of sizes: crawling fails at centimetres, flying at metres."""
 WAYS = {
     "takes off, lands": SKY, "flies, legs stretched out": VERMILLION, "flies, narrow": GREEN, "crawls": PURPLE
 }  # fmt: skip
-"""Colour of the way by what the robot does there."""
+"""Colour of the path by the robot's motion."""
 NARROW = 0.5
-"""A form counts as narrow from here on, of the 0 … 1 between forms 1 and 3."""
+"""Least value of a narrow form, between 0, form 1, and 1, form 3."""
 APART = 0.015
-"""Lines that would lie on each other are drawn so far apart."""
+"""Vertical distance between lines that would overlap, as a share of robots."""
 
 
 def gate_figure(rows: list[dict[str, Any]], path: Path) -> None:
-    """Share of robots that arrive against the size of a gate: a panel for each kind, a line for each gait."""
+    """Draw the share of arriving robots over the size of a gate, with a panel per kind and a line per gait."""
     plt = pyplot()
     figure, axes = plt.subplots(2, 3, figsize=(7.2, 4.2), sharey=True)
     for axis, (kind, measure) in zip(axes.flat, MEASURES.items(), strict=True):
@@ -52,18 +52,18 @@ def gate_figure(rows: list[dict[str, Any]], path: Path) -> None:
         axis.margins(x=0.04)
         axis.set_ylim(-0.06, 1.06)
     for axis in axes[:, 0]:
-        axis.set_ylabel("share that arrives")
+        axis.set_ylabel("share of arrivals")
     handles = [
         plt.Line2D([], [], color=color, marker=mark, linestyle=stroke, label=gait)
         for gait, (color, mark, stroke) in GAIT_LOOKS.items()
     ]
-    handles.append(plt.Rectangle((0, 0), 1, 1, color=GREY, alpha=0.16, linewidth=0, label="drawn on a course"))
+    handles.append(plt.Rectangle((0, 0), 1, 1, color=GREY, alpha=0.16, linewidth=0, label="sizes of Course-v0"))
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), columnspacing=1.2, handletextpad=0.5)
     save(figure, path)
 
 
 def way_of(phase: str, narrow: float) -> str:
-    """What a robot does, one of `WAYS`, by its manager's phase and the form of its target."""
+    """Return a robot's motion, one of `WAYS`, from its manager's phase and the form of its target."""
     if phase in ("lie", "crawl"):
         return "crawls"
     if phase in ("spool", "climb", "descend", "unload"):
@@ -72,13 +72,13 @@ def way_of(phase: str, narrow: float) -> str:
 
 
 def way_figure(course: Course, com_w: np.ndarray, ways: Sequence[str], path: Path) -> None:
-    """A course from above and from the side, and the way of the CoG over it in the colours of `WAYS`.
+    """Draw a course from above and from the side, with the path of the CoG in the colours of `WAYS`.
 
     Args:
-        course: The map.
-        com_w: CoG, one row a moment (n, 3), world [m].
-        ways: What the robot did then, n of `WAYS`.
-        path: The file, PNG, PDF or SVG.
+        course: Course.
+        com_w: Positions of the CoG, world, (n, 3) [m].
+        ways: Motion at each position, n of `WAYS`.
+        path: File, PNG, PDF or SVG.
     """
     plt = pyplot()
     figure, axes = plt.subplots(2, 1, figsize=(7.2, 4.4), sharex=True, height_ratios=(2.0 * HALF_WIDTH, CEILING))
@@ -86,7 +86,7 @@ def way_figure(course: Course, com_w: np.ndarray, ways: Sequence[str], path: Pat
         _draw_gates(axis, course, vertical)
         for name, color in WAYS.items():
             is_so = np.array([way == name for way in ways])
-            # A stretch reaches to the first moment of the next one, or there would be gaps.
+            # A segment ends at the first point of the next one, to avoid gaps.
             is_so[1:] |= is_so[:-1]
             axis.plot(
                 com_w[:, 0], np.where(is_so, com_w[:, vertical], np.nan), color=color, linestyle="-", linewidth=1.8
@@ -111,7 +111,7 @@ def way_figure(course: Course, com_w: np.ndarray, ways: Sequence[str], path: Pat
 
 
 def _draw_gates(axis: Axes, course: Course, vertical: int) -> None:
-    """The boxes of a course, seen along y or, for `vertical` 1, from above; what is over the robot is hatched."""
+    """Draw the boxes of a course, viewed along y or, for `vertical` 1, from above; beams are hatched."""
     patch: Any = pyplot().matplotlib.patches
     for gate in course.gates:
         look: dict[str, Any] = {"facecolor": "0.72", "edgecolor": "0.45", "linewidth": 0.5}

@@ -1,4 +1,4 @@
-"""Every figure: the paper's flight and crawl, errors over joint speeds, learning curves, the leaderboard."""
+"""Figures of the paper's flight and crawl, of the studies, of learning curves, and of the leaderboard."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -34,11 +34,11 @@ from spidar_gym.viz.style import (
 )
 
 Labelled = tuple[Axes, Sequence[Line], Sequence[str]]
-"""A panel, its lines, and their names."""
+"""A panel, its lines, and the names of the lines."""
 LOOKS = ((BLUE, "o"), (VERMILLION, "D"), (GREEN, "s"), (PURPLE, "v"), (BLACK, "^"), (SKY, "P"))
-"""Colour and mark of what is told apart by both."""
+"""Colours and markers for different series."""
 CLASSES: dict[str, tuple[str, str]] = dict(zip(KINDS, LOOKS, strict=False))
-"""Colour and mark of a class of policies."""
+"""Colour and marker of a class of policies."""
 STROKES = ("-", "--", ":", "-.")
 METRICS = {
     "position_rms_m": ("position RMS [mm]", 1e3), "attitude_rms_rad": ("attitude RMS [mrad]", 1e3),
@@ -46,30 +46,30 @@ METRICS = {
 }  # fmt: skip
 """Label and factor of the metrics of learning curves."""
 COLUMNS = 2
-"""Panels of the leaderboard side by side."""
+"""Number of panels of the leaderboard side by side."""
 BEST, PER_GROUP = 10, 2
-"""Policies of a panel, and panels of a group of tracks, in the picture of the leaderboard."""
+"""Number of policies per panel, and of panels per group of tracks, in the leaderboard's picture."""
 WIDE = (0.01, 0.1, 1.0, 10.0)
 FINE = (0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
-"""Ticks of scores, over decades or within one."""
+"""Ticks of the score axis, over decades or within one decade."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A run's learning curve."""
+    """Learning curve of a run."""
 
     ticks: Sequence[float]
-    """Control ticks that it had learned from at each validation."""
+    """Number of control ticks of training before each validation."""
     minutes: Sequence[float]
-    """Wall time until then [min]."""
+    """Wall time before each validation [min]."""
     values: Sequence[float]
-    """Metric on the validation scenarios, in its own unit."""
+    """Metric on the validation scenarios, in the metric's unit."""
 
 
 def flight_figure(log: FlightLog, path: Path) -> None:
-    """The six panels of the paper's flight figure: errors, joints, torques, vectoring angles and thrusts of leg 1.
+    """Draw the six panels of the paper's flight figure: errors, joints, torques, vectoring angles and thrusts of leg 1.
 
-    Errors are actual − desired: a robot that sinks is drawn downwards.
+    Errors are actual − desired, so that a sinking robot appears as a downward curve.
     """
     position, attitude = -log.position_error, -1e3 * log.attitude_error
     panels = [
@@ -82,7 +82,7 @@ def flight_figure(log: FlightLog, path: Path) -> None:
     ]
     figure, axes, labelled = _panels(log.time, panels)
     flown = f"Flight with joint motion, preset {log.preset}{', with noise' if log.noise else ''}"
-    figure.suptitle(f"{flown}; shaded: interference rows dropped")
+    figure.suptitle(f"{flown}; shaded: without interference constraints")
     for axis in axes.flat:
         _shade(axis, UNRESTRICTED, VERMILLION)
         for edge in FORM_CHANGE:
@@ -98,7 +98,7 @@ def flight_figure(log: FlightLog, path: Path) -> None:
 
 
 def crawl_figure(log: CrawlLog, path: Path) -> None:
-    """The six panels of the paper's crawl figure: torso pose, joints, torques, vectoring and thrusts of leg 1."""
+    """Draw the six panels of the paper's crawl figure: torso pose, joints, torques, vectoring and thrusts of leg 1."""
     thrust = np.column_stack((log.thrust[:, :2], log.thrust.mean(axis=1)))
     panels = [
         ("torso position [m]", log.position_w, ["x", "y", "z"]),
@@ -120,7 +120,7 @@ def crawl_figure(log: CrawlLog, path: Path) -> None:
 
 
 def speed_figure(rows: list[dict[str, Any]], path: Path) -> None:
-    """Errors against joint speed, `paper` beside `tuned`, nominal and randomised: interquartile means."""
+    """Draw interquartile means of the errors over joint speed, of `paper` and `tuned`, nominal and randomised."""
     plt = pyplot()
     conditions = list(dict.fromkeys(row["condition"] for row in rows))
     controllers = list(dict.fromkeys(row["controller"] for row in rows))
@@ -147,11 +147,11 @@ def speed_figure(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def ablation_figure(rows: list[dict[str, Any]], path: Path) -> None:
-    """Error without a part over that of the whole controller: the mean over the tracks with its interval, each track.
+    """Draw the error without a part over that of the complete controller: mean over tracks and interval, each track.
 
     Args:
-        rows: Those of `spidar_gym.studies.ablations`.
-        path: The file, PNG, PDF or SVG.
+        rows: Rows of `spidar_gym.studies.ablations`.
+        path: File, PNG, PDF or SVG.
     """
     plt = pyplot()
     groups = list(dict.fromkeys(row["group"] for row in rows))
@@ -171,16 +171,16 @@ def ablation_figure(rows: list[dict[str, Any]], path: Path) -> None:
         axis.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if value in (0.5, 2.0, 5.0, 20.0) else "")
         axis.margins(x=0.05)
         axis.set_title(group)
-        axis.set_xlabel("times the error (grey: each track)")
+        axis.set_xlabel("error over that of the complete controller\n(grey: each track)")
     save(figure, path)
 
 
 def step_figure(rows: list[dict[str, Any]], path: Path) -> None:
-    """Share of successes and slip against the height of the steps: a column a terrain, a line a gait and its feet.
+    """Draw success rate and slip over the height of the steps: a column per terrain, a line per gait and foot lift.
 
     Args:
-        rows: Those of `spidar_gym.studies.steps`.
-        path: The file, PNG, PDF or SVG.
+        rows: Rows of `spidar_gym.studies.steps`.
+        path: File, PNG, PDF or SVG.
     """
     plt = pyplot()
     terrains, lines = (list(dict.fromkeys(of(row) for row in rows)) for of in (_terrain, _gait_and_feet))
@@ -213,12 +213,12 @@ def step_figure(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def _terrain(row: Mapping[str, Any]) -> str:
-    """Terrain of a row of `spidar_gym.studies.steps`."""
+    """Return the terrain of a row of `spidar_gym.studies.steps`."""
     return row["terrain"]
 
 
 def _gait_and_feet(row: Mapping[str, Any]) -> tuple[str, str]:
-    """Gait of a row of `spidar_gym.studies.steps`, and how high its feet are lifted."""
+    """Return gait and foot lift of a row of `spidar_gym.studies.steps`."""
     return row["gait"], row["feet"]
 
 
@@ -228,13 +228,13 @@ def learning_curves(
     title: str,
     path: Path,
 ) -> None:
-    """Learning curves of all runs over ticks and, below, over minutes; classical controllers are lines.
+    """Draw learning curves of all runs over ticks and, below, over minutes; classical controllers are horizontal lines.
 
     Args:
-        panels: Metric → row → its runs; a column for each metric.
-        lines: Row → metric → value.
+        panels: Metric → row → runs of the row; one column per metric.
+        lines: Row of a classical controller → metric → value.
         title: Title.
-        path: The file, PNG, PDF or SVG.
+        path: File, PNG, PDF or SVG.
     """
     plt = pyplot()
     figure, axes = plt.subplots(2, len(panels), figsize=(3.9 * len(panels), 5.4), squeeze=False, sharey="col")
@@ -260,7 +260,7 @@ def learning_curves(
 def _draw_runs(
     axis: Axes, metric: str, runs: Mapping[str, Sequence[Curve]], rows: list[str], over: str, scale: float
 ) -> list[Line]:
-    """Every run of each row; the lines at which the names of the rows stand."""
+    """Draw every run of each row; return the line of each row that is labelled with its name."""
     last = []
     for row, curves in runs.items():
         color, mark = LOOKS[rows.index(row) % len(LOOKS)]
@@ -271,13 +271,13 @@ def _draw_runs(
             )[0]
             for curve in curves
         ]  # fmt: skip
-        # The name stands at the run in the middle of its row.
+        # The label is at the run with the median last value.
         last.append(sorted(drawn, key=lambda line: line.get_ydata()[-1])[len(drawn) // 2])
     return last
 
 
 def leaderboard_picture(board: Board, path: Path) -> None:
-    """Scores with their 95 % intervals on the tracks of each group that separate the best policies most clearly."""
+    """Draw scores with 95 % intervals on the tracks of each group that separate the best policies most clearly."""
     plt = pyplot()
     tracks = _separating(board)
     shown = {track: _best(board, track) for track in tracks}
@@ -323,7 +323,7 @@ def leaderboard_picture(board: Board, path: Path) -> None:
 
 
 def _separating(board: Board) -> list[str]:
-    """Up to `PER_GROUP` tracks of each group: those that separate the largest share of pairs of their best policies."""
+    """Return up to `PER_GROUP` tracks of each group, those that separate most pairs of their best policies."""
 
     def separated(track: str) -> float:
         scores = [board.cells[name, track].score for name in ranking(board, track)[:BEST]]
@@ -340,7 +340,7 @@ def _separating(board: Board) -> list[str]:
 
 
 def _best(board: Board, track: str) -> list[str]:
-    """The best policies of a track, best first, and its reference."""
+    """Return the best policies of a track, best first, and its reference."""
     ranked, reference = ranking(board, track), TRACKS[track].reference
     return ranked[:BEST] if reference in ranked[:BEST] else [*ranked[:BEST], reference]
 
@@ -348,7 +348,7 @@ def _best(board: Board, track: str) -> list[str]:
 def _panels(
     time: np.ndarray, panels: Sequence[tuple[str, np.ndarray, list[str]]]
 ) -> tuple[Figure, Axes, list[Labelled]]:
-    """Three rows of two panels over one time axis; the figure, its axes, and each panel with its lines and names."""
+    """Draw three rows of two panels over one time axis; return figure, axes, and the panels with lines and names."""
     figure, axes = pyplot().subplots(3, 2, figsize=(7.2, 6.2), sharex=True)
     labelled = []
     for letter, axis, (title, values, names) in zip("ABCDEF", axes.flat, panels, strict=True):
@@ -362,7 +362,7 @@ def _panels(
 
 
 def _finish(figure: Figure, labelled: Iterable[Labelled], path: Path) -> None:
-    """Names at the lines, then the files."""
+    """Label the lines, and write the file."""
     figure.draw_without_rendering()
     for axis, lines, names in labelled:
         label_lines(axis, lines, names)
@@ -375,7 +375,7 @@ def _shade(axis: Axes, spans: Iterable[Span], color: str) -> None:
 
 
 def _name_spans(axis: Axes, names: Iterable[tuple[float, float, str]]) -> None:
-    """Names of stretches of time, above the axes."""
+    """Write the names of time spans above the axes."""
     for start, end, name in names:
         axis.annotate(
             name, xy=((start + end) / 2, 1.0), xycoords=axis.get_xaxis_transform(), xytext=(0, 2),
@@ -384,7 +384,7 @@ def _name_spans(axis: Axes, names: Iterable[tuple[float, float, str]]) -> None:
 
 
 def _mark_rmse(axis: Axes, rmse: float, form: str) -> None:
-    """The real robot's RMSE as a grey band; its words have a strip of their own, where no curve is."""
+    """Draw the real robot's RMSE as a grey band, with its label in a strip below the curves."""
     low, high = axis.get_ylim()
     inside = rmse <= max(-low, high)
     if inside:
@@ -400,7 +400,7 @@ def _mark_rmse(axis: Axes, rmse: float, form: str) -> None:
 
 
 def _number(axis: Axes) -> None:
-    """Numbers instead of powers of ten on a logarithmic axis; beyond a decade not every line has room for its own."""
+    """Label a logarithmic axis with numbers instead of powers of ten, with fewer labels beyond a decade."""
     low, high = axis.get_ylim()
     digits = "125" if high > 12.0 * low else "123456789"
     for setter in (axis.yaxis.set_major_formatter, axis.yaxis.set_minor_formatter):
@@ -409,7 +409,7 @@ def _number(axis: Axes) -> None:
 
 
 def _limits(board: Board, track: str, names: Sequence[str]) -> tuple[float, float]:
-    """Limits of the score within which the intervals of some rows of a track lie, with room for a name."""
+    """Return limits of the score axis that contain the intervals of some rows of a track, with space for a name."""
     scores = [board.cells[name, track].score for name in names]
     low, high = min(score.low for score in scores), max(score.high for score in scores)
     room = max(1.6, (high / low) ** 0.25)

@@ -1,4 +1,4 @@
-"""Films of flights and crawls in real time, of courses faster: one robot, or two side by side, over what happens."""
+"""Videos of flights and crawls in real time, and of courses faster: one robot, or several side by side, above plots."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,17 +22,17 @@ from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.viz.style import BLACK, BLUE, INSTALL_VIZ, VERMILLION, pyplot, spans
 
 FPS = 30
-"""Pictures a second."""
+"""Frames per second."""
 SIZE = 1280, 720
 """Width and height [px]."""
 STRIP = 178
-"""Height of the strip [px]."""
+"""Height of the strip of plots [px]."""
 TOP = 70
 """Height of the captions [px]."""
 SAMPLED = 10
-"""Every so many ticks are looked at for where the camera must stand."""
+"""Interval of the ticks from which the position of a fixed camera is computed."""
 COLORS = (BLUE, VERMILLION)
-"""Colours of the takes of a film."""
+"""Colours of the takes of a video."""
 STROKES = ("-", "--")
 DPI = 100
 OPACITY = 0.86
@@ -41,45 +41,45 @@ OPACITY = 0.86
 
 @dataclass(frozen=True)
 class Take:
-    """One flight or crawl, one row a tick."""
+    """Data of one flight, crawl or course for a video, with one row per tick."""
 
     title: str
-    """Who flies."""
+    """Title: name of the policy or preset."""
     time: np.ndarray
-    """(n,) [s]."""
+    """Time, (n,) [s]."""
     qpos: np.ndarray
     """Configuration of the simulated robot, (n, 39)."""
     thrust: np.ndarray
-    """(n, 8) [N]."""
+    """Thrust, (n, 8) [N]."""
     phase: Sequence[str]
-    """(n,) words."""
+    """Phase, (n,)."""
     traces: Mapping[str, np.ndarray]
-    """What is drawn over time, with its unit: (n,) each."""
+    """Title with unit → values that are plotted over time, (n,)."""
     contacts: Sequence[np.ndarray | None] | None = None
     """Contact points and forces of each tick, world: (k, 6) [m, N]."""
     ground: GroundConfig = field(default_factory=GroundConfig)
-    """The floor."""
+    """Floor."""
     pace: float = 1.0
-    """How many times as fast as in reality it is shown."""
+    """Speed of the video as a multiple of real time."""
     robot: RobotSpec = ROBOT
-    """Who flies or crawls."""
+    """Robot."""
 
 
 def tick_at(take: Take, time: float) -> int:
-    """The tick that is nearest to a time [s]: the last one after the end."""
+    """Return the tick that is nearest to a time [s]; the last one after the end."""
     return round(float(np.interp(time, take.time, np.arange(len(take.time)))))
 
 
 class Strip:
-    """A plot of each trace of some takes; what has been is drawn strongly, what comes is pale."""
+    """Plots of the traces of some takes; the past is opaque, the future pale."""
 
     def __init__(self, takes: Sequence[Take], width: int, height: int) -> None:
-        """Draw it once, strongly and pale; a frame of the film is put together from both.
+        """Draw the strip once opaque and once pale; each frame of the video is composed of both.
 
         Args:
-            takes: One or two; two share their plots.
-            width: [px].
-            height: [px].
+            takes: One or two takes; two share their plots.
+            width: Width [px].
+            height: Height [px].
         """
         end = max(float(take.time[-1]) for take in takes)
         drawn = [_draw_strip(takes, end, width, height, alpha) for alpha in (1.0, 0.28)]
@@ -87,7 +87,7 @@ class Strip:
         self._takes, self._end = takes, end
 
     def over(self, frame: np.ndarray, time: float) -> None:
-        """Put the strip over the lower end of a frame (height, width, 3) at a time [s]."""
+        """Draw the strip over the lower end of a frame (height, width, 3) at a time [s]."""
         strip = self._coming.copy()
         for left, right, top, bottom in self._boxes:
             now = left + round((right - left) * min(time / self._end, 1.0))
@@ -97,7 +97,7 @@ class Strip:
         below[:] = (1.0 - OPACITY) * below + OPACITY * strip
 
     def values(self, time: float) -> list[tuple[int, int, list[str]]]:
-        """Where the present values are written: right and top [px, from the strip's corner], and those of each take."""
+        """Return for each plot its right and top [px, from the strip's corner], and the present value of each take."""
         found = []
         for (_, right, top, _), name in zip(self._boxes, self._takes[0].traces, strict=True):
             largest = max(float(np.abs(take.traces[name]).max()) for take in self._takes)
@@ -108,14 +108,14 @@ class Strip:
 
 
 class Film:
-    """An MP4 of takes, one after the other; the file appears under its name only when it is complete."""
+    """MP4 video of takes, one after the other; the file appears under its name only when it is complete."""
 
     def __init__(self, path: Path, *, camera: str = FIXED) -> None:
-        """Open the encoder (`MissingDependencyError` says what to install, of OpenGL too: before anything is played).
+        """Open the encoder; raises `MissingDependencyError` without imageio or OpenGL, before any episode is run.
 
         Args:
-            path: The film's.
-            camera: One of `VIEWS`: `fixed` stands where it sees all of a take, the others follow the robot.
+            path: File of the video.
+            camera: One of `VIEWS`: `fixed` shows all of a take, the others follow the robot.
         """
         try:
             import imageio.v2 as imageio
@@ -132,11 +132,11 @@ class Film:
             self._stack = stack.pop_all()
 
     def shoot(self, *takes: Take, frames: Callable[[Iterable[int]], Iterable[int]] = iter) -> None:
-        """Film a take, or several that happen at once, each in a panel of its own, in real time.
+        """Append a take to the video, or several takes side by side, at the pace of the first one.
 
         Args:
-            takes: What happens; the film ends with the longest.
-            frames: May wrap the frames' numbers, to show progress.
+            takes: Takes; the longest one sets the length.
+            frames: Optional wrapper of the frames' numbers, for progress bars.
         """
         width, height = SIZE[0] // len(takes), SIZE[1]
         strip = Strip(takes, *SIZE[:1], STRIP)
@@ -159,29 +159,29 @@ class Film:
                 stage.close()
 
     def __enter__(self) -> "Film":
-        """Itself."""
+        """Return the video."""
         return self
 
     def __exit__(self, *raised: Any) -> None:  # noqa: ANN401 - the error, where there is one
-        """Keep the film, unless something was raised."""
+        """Complete the file, or discard it after an error."""
         self._stack.__exit__(*raised)
 
 
 def film_take(
     take: Take, path: Path, *, camera: str = FIXED, frames: Callable[[Iterable[int]], Iterable[int]] = iter
 ) -> None:
-    """Film one take; an interrupted film leaves no file. `frames` may wrap the frames' numbers, to show progress."""
+    """Write the video of one take; an interruption leaves no file. `frames` can wrap the frames' numbers for a bar."""
     with Film(path, camera=camera) as reel:
         reel.shoot(take, frames=frames)
 
 
 def length(takes: Sequence[Take]) -> int:
-    """Frames of a film at the first one's pace."""
+    """Return the number of frames of takes at the pace of the first one."""
     return max(1, max(round(FPS * float(take.time[-1]) / takes[0].pace) for take in takes))
 
 
 def flight_take(log: FlightLog) -> Take:
-    """The paper's flight."""
+    """Build the take of the paper's flight."""
     title = f"preset {log.preset}{', with noise' if log.noise else ''}"
     phases = [flight_phase(time) for time in log.time.tolist()]
     traces = flight_traces(log.qpos, log.position_error, log.attitude_error)
@@ -189,7 +189,7 @@ def flight_take(log: FlightLog) -> Take:
 
 
 def flight_phase(time: float) -> str:
-    """What happens in the paper's flight at a time [s]."""
+    """Return the phase of the paper's flight at a time [s]."""
     start, end = FORM_CHANGE
     if any(first < time <= last for first, last in UNRESTRICTED):
         return "form ③, constraint dropped"
@@ -199,13 +199,13 @@ def flight_phase(time: float) -> str:
 def flight_traces(
     qpos: np.ndarray, position_error: np.ndarray, attitude_error: np.ndarray, robot: RobotSpec = ROBOT
 ) -> dict[str, np.ndarray]:
-    """Height and errors of a flight, whose rows are ticks.
+    """Compute height and errors of a flight, with one row per tick.
 
     Args:
         qpos: Configurations (n, 39).
-        position_error: (n, 3) [m].
-        attitude_error: (n, 3) [rad].
-        robot: Who flies.
+        position_error: Position errors, (n, 3) [m].
+        attitude_error: Attitude errors, (n, 3) [rad].
+        robot: Robot.
     """
     return {
         "height of the CoG [m]": cog(qpos, robot)[:, 2],
@@ -215,29 +215,29 @@ def flight_traces(
 
 
 def crawl_take(log: CrawlLog) -> Take:
-    """A crawl."""
+    """Build the take of a crawl."""
     title = f"preset {log.preset}, {log.joint_speed:g} rad/s{', with noise' if log.noise else ''}"
     phases = [str(phase) for phase in log.phase]
     return Take(title, log.time, log.qpos, log.thrust, phases, crawl_traces(log.qpos), log.contacts)
 
 
 def crawl_traces(qpos: np.ndarray) -> dict[str, np.ndarray]:
-    """Height, way and tilt of a crawling torso, from configurations (n, 39)."""
+    """Compute height, displacement and tilt of a crawling torso from configurations (n, 39)."""
     tilt = [np.arccos(np.clip(quat_to_matrix(row)[2, 2], -1.0, 1.0)) for row in qpos[:, 3:7]]
     return {
         "height of the torso [m]": qpos[:, 2],
-        "way [m]": np.linalg.norm(qpos[:, :2] - qpos[0, :2], axis=1),
+        "distance from the start [m]": np.linalg.norm(qpos[:, :2] - qpos[0, :2], axis=1),
         "tilt of the torso [mrad]": 1e3 * np.array(tilt),
     }
 
 
 def course_traces(qpos: np.ndarray, thrust_fraction: np.ndarray, charge: np.ndarray) -> dict[str, np.ndarray]:
-    """Height of a torso on a course, thrust and battery, whose rows are steps.
+    """Compute height of the torso, thrust and charge on a course, with one row per step.
 
     Args:
         qpos: Configurations (n, 39).
-        thrust_fraction: Commanded Σλ over the weight (n,).
-        charge: Of the battery (n,), 0 … 1.
+        thrust_fraction: Commanded Σλ over the weight, (n,).
+        charge: Charge of the battery, (n,), 0 … 1.
     """
     return {
         "height of the torso [m]": qpos[:, 2],
@@ -247,7 +247,7 @@ def course_traces(qpos: np.ndarray, thrust_fraction: np.ndarray, charge: np.ndar
 
 
 def picture(take: Take, stage: Stage, time: float) -> np.ndarray:
-    """The robot at a time [s], between two ticks if need be; after its end it stays where it was."""
+    """Render the robot at a time [s], interpolated between ticks; after the end of the take, in its last state."""
     place = float(np.interp(time, take.time, np.arange(len(take.time))))
     first = math.floor(place)
     second, share = min(first + 1, len(take.time) - 1), place - first
@@ -258,7 +258,7 @@ def picture(take: Take, stage: Stage, time: float) -> np.ndarray:
 
 
 def _write(frame: np.ndarray, takes: Sequence[Take], strip: Strip, time: float) -> np.ndarray:
-    """A frame with who flies, the time, the phase, and the present values."""
+    """Write title, time, phase and present values on a frame."""
     from PIL import Image, ImageDraw
 
     image = Image.fromarray(frame)
@@ -284,7 +284,7 @@ def _write(frame: np.ndarray, takes: Sequence[Take], strip: Strip, time: float) 
 
 @cache
 def font(size: int, *, bold: bool = False) -> Any:  # noqa: ANN401 - a font
-    """The figures' letters, for pictures."""
+    """Load the figures' font for Pillow."""
     from matplotlib import font_manager
     from PIL import ImageFont
 
@@ -297,7 +297,7 @@ def font(size: int, *, bold: bool = False) -> Any:  # noqa: ANN401 - a font
 def _draw_strip(
     takes: Sequence[Take], end: float, width: int, height: int, alpha: float
 ) -> tuple[np.ndarray, list[tuple[int, int, int, int]]]:
-    """The strip (height, width, 3), and each plot's left, right, top, bottom [px]."""
+    """Draw the strip (height, width, 3); return it with each plot's left, right, top, bottom [px]."""
     plt = pyplot()
     names = list(takes[0].traces)
     figure, axes = plt.subplots(1, len(names), figsize=(width / DPI, height / DPI), dpi=DPI, layout="none")

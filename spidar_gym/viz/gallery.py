@@ -1,4 +1,4 @@
-"""The guide's pictures: each environment, track and preset at work, and the paper's experiments."""
+"""Pictures of the guide: environments, tracks, presets, studies, and the paper's experiments."""
 
 import json
 from collections.abc import Callable
@@ -33,16 +33,16 @@ from spidar_gym.viz.stills import Shot, crawl_strip, forms_picture, strip, write
 SIZE = 480, 340
 """Size of one shot of a strip [px]."""
 COLORS, LARGEST = (96, 64, 48, 32, 24), 100_000
-"""Colours of a picture, as many as keep it below so many bytes."""
+"""Numbers of colours of a picture; the first that keeps the file within `LARGEST` [bytes] is used."""
 SHOWN = Course(
     (Gate("wall", 2.3, 2.5, 0.7), Gate("beam", 5.7, 6.1, 0.6), Gate("slot", 9.3, 9.6, 1.5, 0.3),
      Gate("platform", 11.4, 14.9, 0.3)), Pose2(13.1, 0.2, 0.2),
 )  # fmt: skip
-"""The course of the picture."""
+"""Course of the picture of Course-v0."""
 COURSE_SEED = 2
-"""The drawn course of the figure and of the guide's film: a wall, a beam, a slot, a platform."""
+"""Seed of the course of the figure and of the animation: a wall, a beam, a slot, a platform."""
 AROUND = 0.2, 0.8, 0.15, 0.75
-"""Left, right, bottom, top of what holds the robot there, as shares of a picture."""
+"""Left, right, bottom, top of the region that contains the robot, as shares of a picture of a course."""
 REEL = "spidar"
 """Name of the animated picture."""
 FLIGHT_SHOTS = {"form ①": 3.0, "form ③": 26.0, "constraint dropped": 30.0}
@@ -50,11 +50,11 @@ FLIGHT_SHOTS = {"form ①": 3.0, "form ③": 26.0, "constraint dropped": 30.0}
 
 
 BY_RULE: dict[str, Any] = {"action_mode": "residual", "hold": DECIDE}
-"""Arguments of a course on which the zero action is the rule."""
+"""Arguments of Course-v0 with which zero actions follow the rule."""
 
 
 def gallery() -> dict[str, Callable[[Path], object]]:
-    """Every picture of the guide that a command can draw: name → what draws it at a path."""
+    """Return the pictures of the guide: name → function that draws the picture to a path."""
     drawings: dict[str, Callable[[Path], object]] = {
         "forms": forms_picture,
         "flight": lambda path: flight_figure(fly_paper("as_flown"), path),
@@ -78,7 +78,7 @@ def gallery() -> dict[str, Callable[[Path], object]]:
 
 
 def _rows(path: Path, name: str) -> list[dict[str, Any]]:
-    """The rows of a committed study, for a picture beside the folder of results."""
+    """Read the rows of a committed study; the folder of results is beside that of the picture."""
     file = path.parent.parent / "results" / f"{name}.json"
     return json.loads(file.read_text(encoding="utf-8"))["result"][name]
 
@@ -102,7 +102,7 @@ def draw(name: str, folder: Path) -> Path:
 
 
 def cameras(env_id: str, path: Path) -> None:
-    """What `render` of an environment gives two seconds after its reset, from each camera."""
+    """Draw an environment two seconds after its reset, from each camera."""
     pictures = []
     for camera in CAMERAS:
         env = gymnasium.make(env_id, render_mode="rgb_array", camera=camera, width=SIZE[0], height=SIZE[1])
@@ -114,14 +114,14 @@ def cameras(env_id: str, path: Path) -> None:
 
 
 def _on_course(hold: int, **options: Any) -> CourseEnv:  # noqa: ANN401 - of the environment
-    """A course on which the zero action is the rule."""
+    """Make a course on which zero actions follow the rule."""
     env = gymnasium.make(COURSE, **{**BY_RULE, "hold": hold}, **options).unwrapped
     assert isinstance(env, CourseEnv)
     return env
 
 
 def _go(env: CourseEnv, seed: int, options: dict[str, Any] | None = None) -> list[tuple[Any, dict[str, Any], float]]:
-    """The rule until it is at the goal: configuration, info, and how narrow its target is, step by step."""
+    """Run the rule to the goal; return configuration, `info` and the target's `narrow` of each step."""
     rows = []
     for step in rollout(env, seed=seed, options=options, ticks=env.horizon):
         target = env.target
@@ -130,7 +130,7 @@ def _go(env: CourseEnv, seed: int, options: dict[str, Any] | None = None) -> lis
 
 
 def course_way(path: Path) -> None:
-    """The way of a drawn robot with sensors on a drawn course, from above and from the side."""
+    """Draw the path of a randomised robot with noisy sensors on a sampled course, from above and from the side."""
     env = _on_course(4, sensors=True, randomization=0.5)
     rows = _go(env, COURSE_SEED)
     way_figure(
@@ -140,12 +140,12 @@ def course_way(path: Path) -> None:
 
 
 def course_strip(path: Path) -> None:
-    """The rule on a course: over a wall, under a beam, through a slot, at the goal on a platform."""
+    """Draw the rule on a course: over a wall, under a beam, through a slot, at the goal on a platform."""
     _passages(_on_course(DECIDE, course=SHOWN, charge=1.0), path, seed=0)
 
 
 def _passages(env: CourseEnv, path: Path, *, seed: int, options: dict[str, Any] | None = None) -> None:
-    """An episode by the rule: how each gate is passed, and at the goal."""
+    """Draw an episode of the rule, with a picture at each passed gate and one at the goal."""
     rows = [(qpos, info["thrust"]) for qpos, info, _ in _go(env, seed, options)]
     places = np.array([qpos[0] for qpos, _ in rows])
     words = {"wall": "over", "beam": "under", "slot": "through"}
@@ -159,7 +159,7 @@ def _passages(env: CourseEnv, path: Path, *, seed: int, options: dict[str, Any] 
         for word, tick in (*moments, ("at the goal", len(rows) - 1))
     ]
     pictures = []
-    for shot in shots:  # each from where its robot is near
+    for shot in shots:  # each with a camera near the robot
         stage = Stage(standing(extent(shot.qpos[None]), SIZE[0] / SIZE[1], AROUND), *SIZE, env.plant.config.ground)
         pictures.append(stage.render(shot.qpos, thrust=shot.thrust))
         stage.close()
@@ -168,7 +168,7 @@ def _passages(env: CourseEnv, path: Path, *, seed: int, options: dict[str, Any] 
 
 
 def track_strip(track: str, path: Path) -> None:
-    """The paper's controller in the first test scenario of a track: beginning, middle and end; the rule on a course."""
+    """Draw a track's first test scenario at three times, with the default controller; on courses, with the rule."""
     scenario = load_scenarios(track)[0][0]
     env = make_env(TRACKS[track], scenario, BY_RULE if TRACKS[track].env_id == COURSE else {})
     if isinstance(env, CourseEnv):
@@ -178,7 +178,7 @@ def track_strip(track: str, path: Path) -> None:
         env, seed=scenario.seed, options=reset_options(scenario), ticks=round(TRACKS[track].seconds * CONTROL_RATE)
     )
     rows = [(env.plant.data.qpos.copy(), step.info["thrust"]) for step in steps]
-    # A crawl begins and ends on the floor, where there is less to see than in the middle of a swing.
+    # A crawl begins and ends on the floor; a swing shows more.
     shares = (0.0, 0.3, 0.75) if isinstance(env, CrawlEnv) else (0.0, 0.5, 1.0)
     ticks = [round(share * (len(rows) - 1)) for share in shares]
     shots = [Shot(f"{tick / CONTROL_RATE:.0f} s", *rows[tick]) for tick in ticks]
@@ -187,7 +187,7 @@ def track_strip(track: str, path: Path) -> None:
 
 
 def reel(path: Path) -> None:
-    """The animated picture of README: the paper's flight, a crawl, and a course with the rule."""
+    """Write the animation of README: the paper's flight, a crawl, and a course with the rule."""
     flight, crawl = flight_take(fly_paper("as_flown", noise=True)), crawl_take(crawl_paper("overlapped", noise=True))
     env = _on_course(1, sensors=True, randomization=0.5)
     rows = _go(env, COURSE_SEED)
@@ -210,7 +210,7 @@ def reel(path: Path) -> None:
 
 
 def flight_strip(preset: str, path: Path) -> None:
-    """A preset in the paper's flight."""
+    """Draw the paper's flight with a preset."""
     log = fly_paper(preset)
     ticks = {words: int(np.argmin(np.abs(log.time - time))) for words, time in FLIGHT_SHOTS.items()}
     shots = [Shot(f"{words}, {log.time[t]:.0f} s", log.qpos[t], log.thrust[t]) for words, t in ticks.items()]

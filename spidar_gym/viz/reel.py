@@ -1,4 +1,4 @@
-"""The film of README and the guide: a flight through the forms, a crawl and a course, cut to some ten seconds."""
+"""The animation of README and the guide: cuts of a flight through the forms, a crawl and a course."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,33 +16,33 @@ from spidar_gym.viz.style import BLACK, INSTALL_VIZ
 SIZE = 480, 270
 """Width and height [px]."""
 FPS = 12.5
-"""Pictures a second; GIF counts hundredths of a second."""
+"""Frames per second; GIF stores durations in hundredths of a second."""
 WINDOW = 0.04, 0.96, 0.04, 0.86
-"""Left, right, bottom, top of what holds the robot, as shares of a picture; above it are the words."""
+"""Left, right, bottom, top of the region that contains the robot, as shares of a picture; the caption is above."""
 COLORS = 128
-"""Colours of a picture."""
+"""Number of colours."""
 
 
 @dataclass(frozen=True)
 class Cut:
-    """A piece of a take."""
+    """Part of a take."""
 
     words: str
     """Caption."""
     take: Take
-    """What happens."""
+    """Take."""
     start: float
-    """[s]."""
+    """Start [s]."""
     end: float
-    """[s]."""
+    """End [s]."""
     pace: float
-    """How many times as fast as in reality."""
+    """Speed as a multiple of real time."""
     camera: str = ""
-    """A camera that follows the robot; if none is named, one that stands where it sees the whole piece."""
+    """Camera that follows the robot; if empty, a fixed camera that shows the whole cut."""
 
 
 def write_reel(cuts: Sequence[Cut], path: Path) -> None:
-    """Write pieces of takes, one after the other, as an animated GIF that begins again at its end.
+    """Write cuts of takes, one after the other, as an animated GIF that loops.
 
     Raises:
         MissingDependencyError: Without Pillow or OpenGL.
@@ -52,7 +52,7 @@ def write_reel(cuts: Sequence[Cut], path: Path) -> None:
     except ImportError as error:
         raise MissingDependencyError("Pillow", INSTALL_VIZ) from error
     frames = [Image.fromarray(frame) for cut in cuts for frame in _frames(cut)]
-    # One palette for all pieces, or the background would flicker.
+    # One palette for all cuts, since the background would flicker otherwise.
     sample = Image.fromarray(np.vstack([np.asarray(frame) for frame in frames[:: max(1, len(frames) // 12)]]))
     palette = sample.quantize(COLORS, dither=Image.Dither.NONE)
     pictures = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]

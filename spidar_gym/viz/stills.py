@@ -1,4 +1,4 @@
-"""Pictures of the robot: moments side by side, its forms, and a gait cycle."""
+"""Pictures of the robot: strips of snapshots, its forms, and a gait cycle."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,25 +18,25 @@ from spidar_gym.viz.film import font
 from spidar_gym.viz.style import BLACK, INSTALL_VIZ
 
 WINDOW = 0.03, 0.97, 0.04, 0.88
-"""Left, right, bottom, top of what holds the robot, as shares of a picture; above it are the words."""
+"""Left, right, bottom, top of the region that contains the robot, as shares of a picture; the caption is above."""
 
 
 @dataclass(frozen=True)
 class Shot:
-    """One moment."""
+    """Snapshot of the robot for a picture."""
 
     words: str
-    """What is written on it."""
+    """Caption."""
     qpos: np.ndarray
     """Configuration of the simulated robot, (39,)."""
     thrust: np.ndarray | None = None
-    """Drawn as arrows, (8,) [N]."""
+    """Thrust, drawn as arrows, (8,) [N]."""
     contacts: np.ndarray | None = None
     """Contact points and forces, drawn as arrows, world: (k, 6) [m, N]."""
 
 
 def forms_picture(path: Path) -> None:
-    """The robot in the paper's forms ①, ②, ③, hovering, side by side (`MissingDependencyError` without OpenGL)."""
+    """Draw the robot in a hover in the paper's forms ①, ②, ③ side by side (`MissingDependencyError` without OpenGL)."""
     controller, plant, shots = FlightController(), Plant(), []
     for mark, q in zip("①②③", FORMS.values(), strict=True):
         plant.reset(np.array([0.0, 0.0, 1.3]), joint_position=q, vectoring=controller.rest_vectoring(q))
@@ -45,7 +45,7 @@ def forms_picture(path: Path) -> None:
 
 
 def crawl_strip(log: CrawlLog, path: Path, *, size: tuple[int, int] = (560, 360)) -> None:
-    """One gait cycle as a strip of frames, the second cycle if there is one: the middle of each of its phases."""
+    """Draw one gait cycle as a strip with a picture of each phase; the second cycle if there is one."""
     changes = np.flatnonzero(log.phase[1:] != log.phase[:-1]) + 1
     runs = [(str(log.phase[a]), int(a), int(b)) for a, b in zip(changes, [*changes[1:], len(log.phase)], strict=True)]
     starts = [k for k, run in enumerate(runs) if run[0] == "raise"]
@@ -59,7 +59,7 @@ def crawl_strip(log: CrawlLog, path: Path, *, size: tuple[int, int] = (560, 360)
 
 
 def strip(shots: Sequence[Shot], path: Path, *, size: tuple[int, int], ground: GroundConfig | None = None) -> None:
-    """Moments side by side, each of `size` [px], from one camera that sees all of them."""
+    """Draw snapshots side by side, each of `size` [px], from one camera that shows all of them."""
     stage = Stage(standing(extent(np.array([shot.qpos for shot in shots])), size[0] / size[1], WINDOW), *size, ground)
     try:
         pictures = [stage.render(shot.qpos, thrust=shot.thrust, contacts=shot.contacts) for shot in shots]
@@ -69,10 +69,10 @@ def strip(shots: Sequence[Shot], path: Path, *, size: tuple[int, int], ground: G
 
 
 def write_strip(path: Path, pictures: Sequence[np.ndarray], words: Sequence[str], columns: int = 3) -> None:
-    """Pictures of one size with words in their corners, so many in a row, as one file; what the last lacks is white.
+    """Write pictures of one size with captions as one file, with `columns` per row; the last row is filled with white.
 
     Raises:
-        MissingDependencyError: Without Pillow, which the extra `viz` brings.
+        MissingDependencyError: Without Pillow, which is part of the extra `viz`.
     """
     try:
         from PIL import Image, ImageDraw

@@ -1,4 +1,4 @@
-"""What all figures share: the style file, colours that everybody tells apart, names at the lines."""
+"""Shared parts of all figures: the style file, colours that are safe for colour blindness, and labels of lines."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -13,22 +13,22 @@ from spidar_gym.files import whole_file
 Figure = Any
 Axes = Any
 Line = Any
-"""Matplotlib's, which only those import who draw."""
+"""Matplotlib's types; Matplotlib is imported only for drawing."""
 INSTALL_VIZ = "pip install 'spidar-gym[viz]'"
 STYLE = "spidar_gym.viz.spidar"
 """Name of the style file for Matplotlib: `spidar.mplstyle` beside this module."""
 BLUE, VERMILLION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 SKY, BLACK, GREY = "#56B4E9", "#222222", "#8A8A8A"
 Span = tuple[float, float]
-"""Start and end of a stretch of time [s]."""
+"""Start and end of a time span [s]."""
 UNDATED = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
-"""Metadata that leaves out the date, by the suffix of the file."""
+"""Metadata without a date, by the suffix of the file."""
 LABEL_GAP = 1.15
-"""Names at lines stand at least so many of their heights apart."""
+"""Least distance of labels, in heights of a label."""
 
 
 def pyplot() -> Any:  # noqa: ANN401 - a module
-    """Matplotlib without a screen, in the project's style (`MissingDependencyError` says what to install)."""
+    """Import Matplotlib without a display and in the project's style (`MissingDependencyError` without Matplotlib)."""
     try:
         import matplotlib
 
@@ -41,24 +41,24 @@ def pyplot() -> Any:  # noqa: ANN401 - a module
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure in the format that the path's suffix names (PNG, PDF, SVG), whole or not at all, and close it."""
+    """Write a figure in the format of the path's suffix (PNG, PDF, SVG), completely or not at all, and close it."""
     plt = pyplot()
     try:
         with whole_file(path) as draft:
-            # Without the time of day, the same data give the same file.
+            # Without a date, the same data yield the same file.
             figure.savefig(draft, metadata=UNDATED.get(path.suffix, {}))
     finally:
         plt.close(figure)
 
 
 def spans(time: np.ndarray, inside: np.ndarray) -> list[Span]:
-    """Start and end of each stretch in which a condition holds [s]."""
+    """Return start and end of each span in which a condition holds [s]."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], inside, [0])).astype(int))).reshape(-1, 2)
     return [(float(time[start]), float(time[min(end, len(time) - 1)])) for start, end in edges]
 
 
 def spread(wanted: np.ndarray, gap: float) -> np.ndarray:
-    """Places in the order of the wanted ones, at least `gap` apart and else as near to them as can be."""
+    """Return positions at least `gap` apart, in the order of the wanted ones and nearest to them by least squares."""
     order = np.argsort(wanted, kind="stable")
     steps = gap * np.arange(len(wanted))
     places = np.empty(len(wanted))
@@ -67,21 +67,21 @@ def spread(wanted: np.ndarray, gap: float) -> np.ndarray:
 
 
 def label_lines(axis: Axes, lines: Sequence[Line], names: Iterable[str]) -> None:
-    """Write each line's name right of the axes, in its colour and as high as the line ends, without overlaps.
+    """Write each line's name right of the axes, in the line's colour and at the height of its end, without overlaps.
 
-    To be called when the axes have their limits and their place: a name is kept from its neighbours in points. A thin
-    leader joins a name to its line where the two are apart.
+    Call it when the limits and the position of the axes are final, since the distance of names is in points. A thin
+    leader connects a name with its line.
     """
     names = list(names)
     size = pyplot().rcParams["xtick.labelsize"]
     pixels = axis.figure.dpi / 72.0
     box = axis.get_window_extent()
-    # A line across the axes has its end in shares of them, not in data.
+    # The end of a line across the axes is in axes coordinates, not in data coordinates.
     ends = np.array([line.get_transform().transform(line.get_xydata()[-1]) for line in lines])
     heights = ends[:, 1]
     gap = LABEL_GAP * size * pixels
     places = spread(np.clip(heights, box.y0, box.y1), gap)
-    # As a group, they stay beside the axes.
+    # Shift all names together to stay beside the axes.
     places -= max(0.0, places.max() - box.y1)
     places += max(0.0, box.y0 - places.min())
     for line, name, (end, height), place in zip(lines, names, ends, places, strict=True):
