@@ -116,7 +116,7 @@ def compare_rows(row: Row, base: Row) -> list[Comparison]:
         if both:
             found.append(_compare(row, base, track, np.array(both).T))
     if not found:
-        raise InvalidValueError("base", base.name, f"a row that has played scenarios of {', '.join(row.tracks)}")
+        raise InvalidValueError("base", base.name, f"a row with scenarios of {', '.join(row.tracks)}")
     return found
 
 

@@ -12,7 +12,7 @@ from spidar_gym.errors import InvalidValueError, SpidarError, require_name
 from spidar_gym.policies.policy import ARGUMENTS, DOC, KINDS, LINE, check_line, check_name
 from spidar_gym.robot.description import model_hash
 
-ANEW = "a row evaluated anew by its command"
+ANEW = "a row evaluated again with its command"
 LONGEST = 1e9
 """Largest time [s or ms] and number of steps in a row."""
 FORM = {

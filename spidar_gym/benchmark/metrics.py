@@ -46,10 +46,10 @@ class Metric:
             failed: Whether each scenario failed; after a diverged simulation a value may be None.
             world: A flight, the ground or a course.
         """
-        kind, least, most, told = self.kind, self.least, self.most, world in self.worlds
+        kind, least, most, defined = self.kind, self.least, self.most, world in self.worlds
         for k, value in enumerate(values):
-            if not told or value is None:
-                fits = value is None and (not told or (kind is float and failed[k]))
+            if not defined or value is None:
+                fits = value is None and (not defined or (kind is float and failed[k]))
             elif not isinstance(value, kind) or isinstance(value, bool) != (kind is bool):
                 fits = False
             elif isinstance(value, str):

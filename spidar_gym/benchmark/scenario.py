@@ -271,6 +271,6 @@ def check_drawn(draws: Mapping[str, np.ndarray], scenario: Scenario, place: str)
     """Refuse a robot that differs from the scenario's, as another version of NumPy might sample it."""
     if robot_digest(draws) != scenario.robot:
         raise SpidarError(
-            f"{place}: the drawn robot is not the scenario's; valid: a NumPy version with the same random numbers, "
+            f"{place}: the sampled robot is not the scenario's; valid: a NumPy version with the same random numbers, "
             "or new scenarios by `spidar scenarios`"
         )

@@ -79,7 +79,7 @@ def require_own_policies(row: Row, *, trust: bool) -> None:
                 "valid: --trust, once you have read it"
             )
         if file_digest(source_file(spec)) != digest:
-            raise RowError(f"row {row.name}: {spec} has changed since; valid: the row evaluated anew")
+            raise RowError(f"row {row.name}: {spec} has changed since; valid: the row evaluated again")
 
 
 def shard_of(row: Row, track: str, run: int, k: int, control: str = CONTROL, *, trust: bool = False) -> Shard:

@@ -63,7 +63,7 @@ def test_successes_are_compared_as_shares():
 
 def test_rows_without_a_common_scenario_are_refused():
     base = made_row({GROUND: [score(GROUND, [0.1], duration_s=[1.0])]})
-    with pytest.raises(InvalidValueError, match=r"base = 'qp'.*a row that has played scenarios of flight-fast5"):
+    with pytest.raises(InvalidValueError, match=r"base = 'qp'.*a row with scenarios of flight-fast5"):
         compare_rows(made_row({FLIGHT: [flown([0.1])]}, "own"), base)
 
 

@@ -261,7 +261,7 @@ def test_a_scenarios_robot_is_accepted_and_that_of_another_seed_is_refused(name)
     check_drawn(env.sampled_parameters, one, "here")
     assert robot_digest(env.sampled_parameters) == one.robot
     env, one = begun(name, seed=one.seed + 1)
-    with pytest.raises(SpidarError, match=f"{name}, scenario 0: the drawn robot is not the scenario's"):
+    with pytest.raises(SpidarError, match=f"{name}, scenario 0: the sampled robot is not the scenario's"):
         check_drawn(env.sampled_parameters, one, f"{name}, scenario 0")
 
 

@@ -281,5 +281,5 @@ def test_an_action_that_is_none_ends_the_evaluation_and_says_where(short):
 def test_another_robot_than_the_scenarios_is_refused(monkeypatch):
     shorten(monkeypatch, "flight-randomised")
     scenario = scene(0, "flight-randomised")
-    with pytest.raises(SpidarError, match="flight-randomised, scenario 0: the drawn robot"):
+    with pytest.raises(SpidarError, match="flight-randomised, scenario 0: the sampled robot"):
         metrics_of(Paper(), replace(scenario, seed=scenario.seed + 1), "flight-randomised")

@@ -357,7 +357,7 @@ def planted(folder, monkeypatch, name, code=""):
 def test_a_policy_whose_file_has_changed_is_refused_before_it_is_imported(tmp_path, monkeypatch):
     row, path = planted(tmp_path, monkeypatch, "changing")
     path.write_text(path.read_text() + "# better\n")
-    with pytest.raises(RowError, match=r"row own: changing:Own has changed since; valid: the row evaluated anew"):
+    with pytest.raises(RowError, match=r"row own: changing:Own has changed since; valid: the row evaluated again"):
         verify({"own": row}, 1, draw(), trust=True)
     assert not (tmp_path / "ran").exists()
 
