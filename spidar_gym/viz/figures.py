@@ -171,7 +171,7 @@ def ablation_figure(rows: list[dict[str, Any]], path: Path) -> None:
         axis.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if value in (0.5, 2.0, 5.0, 20.0) else "")
         axis.margins(x=0.05)
         axis.set_title(group)
-        axis.set_xlabel("error over that of the complete controller\n(grey: each track)")
+        axis.set_xlabel("error ratio (grey: each track)")
     save(figure, path)
 
 

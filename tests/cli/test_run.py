@@ -80,8 +80,8 @@ def test_every_option_of_run_changes_the_flight(options, capfd):
 def test_a_learned_policy_flies_on_the_controller_that_it_learned_on_and_does_better(capfd, monkeypatch):
     monkeypatch.syspath_prepend(ROOT)
     off = []
-    for who in (["--preset", "paper"], ["--policy", "baselines.qp:QP"], ["--policy", LEARNED]):
-        main(["run", "--seconds", "6", "--forms", "independent", "--joint-speed", "1.25", *who])
+    for options in (["--preset", "paper"], ["--policy", "baselines.qp:QP"], ["--policy", LEARNED]):
+        main(["run", "--seconds", "6", "--forms", "independent", "--joint-speed", "1.25", *options])
         off.append(float(re.findall(r"attitude ([\d.]+) mrad", capfd.readouterr().out)[0]))
     alone, baseline, learned = off
     assert baseline == alone
@@ -179,11 +179,11 @@ def model(tmp_path_factory):
 @pytest.mark.train
 def test_a_trusted_zip_flies_after_a_warning_of_one_line(model, capfd):
     flights = []
-    for who in ([], ["--policy", model, "--trust"]):
-        main(["run", "--seconds", "0.5", "--forms", "form1", *who])
+    for options in ([], ["--policy", model, "--trust"]):
+        main(["run", "--seconds", "0.5", "--forms", "form1", *options])
         out, err = capfd.readouterr()
         flights.append(out)
-        assert ("warning" in err) == bool(who)
+        assert ("warning" in err) == bool(options)
     assert f"spidar: warning: {model} is trusted: any code in it is run\n" in err
     assert err.count("warning") == 1
     alone, flown = flights

@@ -67,12 +67,12 @@ def test_different_controllers_meet_the_same_forms_the_same_robot_and_the_same_s
 
 
 def test_conditions_are_the_nominal_robot_and_a_randomised_one_with_sensors(made):
-    for condition, drawn in (("nominal", False), ("randomised", True)):
+    for condition, randomised in (("nominal", False), ("randomised", True)):
         flight = Trial(condition, 0.2, 5, 0.1)
         fly(PAPER, flight)
         env = made[-1]
-        assert env.plant.config.sense == drawn
-        assert bool(env.sampled_parameters) == drawn
+        assert env.plant.config.sense == randomised
+        assert bool(env.sampled_parameters) == randomised
         assert env.plant.config.aero.wake
 
 
