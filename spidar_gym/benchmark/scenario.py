@@ -69,8 +69,8 @@ class Scenario:
     options: Mapping[str, Any]
     """Arguments of the environment in addition to the track's options."""
     start: Mapping[str, Any] | None
-    """Of a flight: offset, goals with start and deadline, initial wrench of the integrals, knots of the path. Of a
-    course: gates, goal and tiles."""
+    """Start of the episode. Flight: offset, goals with start and deadline, initial wrench of the integrals, path knots.
+    Course: gates, goal and tiles."""
     disturbances: Mapping[str, Any]
     """Disturbances during the episode."""
     robot: str
