@@ -260,7 +260,7 @@ def page(name: str) -> str:
     size = sum(f.size for f in fields)
     blocks = [
         f"# {name}",
-        "Written by `spidar assets` from the code; a test compares it with the spaces.",
+        "Generated from the code when the guide is built; tests compare it with the spaces.",
         "## Description",
         f"{source_doc(task)} {own.step}",
         f'`import spidar_gym`, then `gymnasium.make("{name}")`. In a process that has not imported it, such as a\n'
