@@ -244,7 +244,7 @@ def test_no_mutated_artifact_gets_past_the_border_but_as_a_policy_that_acts(quic
         ({"interface": {"observation": 5, "action": 6}}, "is int, not a list"),
         ({"clip": float("nan")}, "not finite"),
         ({"doc": "a\nb"}, "its doc is not a line"),
-        ({"name": "x" * 10_000}, "its name is no line"),
+        ({"name": "x" * 10_000}, "its name is not a line"),
     ],
 )
 def test_words_beyond_their_ranges_are_refused_by_name(change, words, tmp_path):

@@ -217,5 +217,5 @@ def test_when_the_time_is_over_and_no_client_connects_it_ends(link, serving, rng
 
 
 def test_a_runner_that_never_comes_is_still_an_error(link):
-    with pytest.raises(SpidarError, match="no runner came"):
+    with pytest.raises(SpidarError, match="no runner connected"):
         link.accept(patience=0.1)
