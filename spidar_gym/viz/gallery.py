@@ -197,7 +197,7 @@ def reel(path: Path) -> None:
     course = Take("course", time, qpos, thrust, phases, {}, ground=ground)
     cuts = [
         Cut("flies, and changes its form", flight, 3.5, 14.0, 4.0),
-        Cut("crawls on its feet, half its weight on its rotors", crawl, 1.0, 12.0, 4.0),
+        Cut("crawls, partly carried by its rotors", crawl, 1.0, 12.0, 4.0),
     ]
     words = {"wall": "over a wall", "beam": "under a beam", "slot": "through a slot", "platform": "onto a platform"}
     for gate in env.course.gates:

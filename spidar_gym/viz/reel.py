@@ -13,13 +13,13 @@ from spidar_gym.sim.stage import Stage, extent, standing
 from spidar_gym.viz.film import SAMPLED, Take, font, picture
 from spidar_gym.viz.style import BLACK, INSTALL_VIZ
 
-SIZE = 480, 270
+SIZE = 432, 243
 """Width and height [px]."""
-FPS = 12.5
+FPS = 10.0
 """Frames per second; GIF stores durations in hundredths of a second."""
 WINDOW = 0.04, 0.96, 0.04, 0.86
 """Left, right, bottom, top of the region that contains the robot, as shares of a picture; the caption is above."""
-COLORS = 128
+COLORS = 48
 """Number of colours."""
 
 
@@ -54,7 +54,7 @@ def write_reel(cuts: Sequence[Cut], path: Path) -> None:
     frames = [Image.fromarray(frame) for cut in cuts for frame in _frames(cut)]
     # One palette for all cuts, since the background would flicker otherwise.
     sample = Image.fromarray(np.vstack([np.asarray(frame) for frame in frames[:: max(1, len(frames) // 12)]]))
-    palette = sample.quantize(COLORS, dither=Image.Dither.NONE)
+    palette = sample.quantize(COLORS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     pictures = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     with whole_file(path) as draft:
         pictures[0].save(

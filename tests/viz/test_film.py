@@ -15,8 +15,9 @@ from spidar_gym.errors import UnknownNameError
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.ground import TILES, GroundConfig
-from spidar_gym.sim.stage import Stage, between, extent, standing
+from spidar_gym.sim.stage import Stage, between, extent, hidden, standing
 from spidar_gym.tasks.hover import hover_height
+from spidar_gym.viz import reel
 from spidar_gym.viz.film import FPS, SIZE, STRIP, flight_phase, tick_at
 
 pytestmark = pytest.mark.skipif(
@@ -131,6 +132,41 @@ def test_a_floor_that_slopes_or_has_tiles_does_not_lie_in_its_own_shadow(ground)
     finally:
         stage.close()
     assert np.abs(lit - unshaded).max() < 30  # a shadow is darker by 60 and more
+
+
+def test_a_box_hides_a_point_only_between_it_and_the_eye():
+    turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    eye, point = np.array([1.0, 2.0, 0.5]), np.array([[9.0, 2.0, 0.5]])
+    places = {  # centre and half size of a box turned by 53° about z
+        "between": ([5.0, 2.0, 0.5], [0.1, 0.1, 0.1]), "round the eye": ([1.0, 2.0, 0.5], [0.5, 0.5, 0.5]),
+        "beyond": ([11.0, 2.0, 0.5], [0.5, 0.5, 0.5]), "behind the eye": ([-1.0, 2.0, 0.5], [0.5, 0.5, 0.5]),
+        "beside": ([5.0, 3.0, 0.5], [0.9, 0.3, 1.0]), "below": ([5.0, 2.0, 0.0], [9.0, 9.0, 0.4]),
+        "reached by its turned edge": ([5.0, 3.0, 0.5], [1.3, 0.3, 1.0]),
+    }  # fmt: skip
+    centre, half = (np.array(list(column)) for column in zip(*places.values(), strict=True))
+    found = hidden(eye, point, centre, np.broadcast_to(turn, (len(places), 3, 3)), half)
+    assert {name for name, hides in zip(places, found, strict=True) if hides} == {
+        "between", "round the eye", "reached by its turned edge",
+    }  # fmt: skip
+
+
+def test_pieces_become_one_animated_picture_at_their_pace(sinking, tmp_path):
+    from PIL import Image
+
+    cuts = [reel.Cut("one", sinking, 0.0, 0.2, 0.5), reel.Cut("two", sinking, 0.1, 0.2, 0.25, "side")]
+    reel.write_reel(cuts, tmp_path / "film.gif")
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.size == reel.SIZE
+        assert film.n_frames == 2 * 4  # 0.2 s at half the pace, and 0.1 s at a quarter, are 0.4 s each
+        assert film.info["loop"] == 0
+        assert film.info["duration"] == 1000.0 / reel.FPS
+        pictures = []
+        for k in range(film.n_frames):
+            film.seek(k)
+            pictures.append(np.asarray(film.convert("RGB")).astype(int))
+    heights = [dark_rows(p).mean() for p in pictures[:4]]
+    assert heights == sorted(heights)
+    assert heights[-1] > heights[0] + 5.0  # it sinks
 
 
 def test_a_box_that_hides_the_robot_from_a_camera_that_follows_fades_and_comes_back():
