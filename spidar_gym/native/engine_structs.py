@@ -20,7 +20,18 @@ from spidar_gym.native.quantities import (
 )
 from spidar_gym.native.structs import ANY, CODE, COUNT, FLAG, INFINITE, SINCE, USUAL, CStruct, dtypes
 from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, N_LINKS, N_ROTORS, PEG_SITES
-from spidar_gym.sim import actuators, air, course_boxes, disturbances, energy, ground, scene, sensors, violations
+from spidar_gym.sim import (
+    actuators,
+    air,
+    course_boxes,
+    disturbances,
+    energy,
+    ground,
+    recirculation,
+    scene,
+    sensors,
+    violations,
+)
 from spidar_gym.sim.air import N_DUCTS
 from spidar_gym.sim.ground import BOXES, STAIR_ROW, STAIR_ROWS, STAIRS, TERRAINS, TILES
 from spidar_gym.state import IMU_SAMPLES
@@ -62,9 +73,10 @@ ENGINE_SIZES = {
 """Numbers by their names in C without `SP_`."""
 ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", scene, ("TIMESTEP",)),
-    ("", air, ("AIR_DENSITY", "BLUFF", "LINK_SEGMENT", "REACH", "SPREAD")),
+    ("", air, ("AIR_DENSITY", "BLUFF", "LINK_SEGMENT", "REACH", "SPREAD", "STACKING_RADIUS")),
     ("JET_", air, ("NEAR", "LEAST_THRUST")),
     ("", actuators, ("NOISE_BANDWIDTH",)),
+    ("", recirculation, ("NEAR_LENGTH",)),
     ("WIND_", disturbances, ("LENGTH", "INTENSITY")),
     ("", disturbances, ("PUSH_SECONDS", "PUSH_EVERY")),
     ("", energy, ("CAPACITY_WH", "USABLE", "BASE_POWER", "THRUST_POWER", "SERVO_EFFICIENCY", "HOLDING_POWER",
@@ -191,6 +203,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("hit", "f8", (), "largest force of the last tick on anything but feet and pegs, with boxes only [N]"),
         ("spent_wh", "f8", (), "energy that the battery lacks at the reset [Wh]", SINCE),
         ("noise", "f8", (N_ROTORS,), "of the thrusts [N]"), ("weather", "weather", (), ""),
+        ("eddy", "f8", (6,), "recirculation: U, Ω less their means, over their standard deviations"),
         ("air_force_w", "f8", (3,), "of the air, without the thrust in still air, world [N]"),
         ("air_factor", "f8", (N_DUCTS,), "thrust of each duct over that in still air"),
         ("falling", "i4", (N_ROTORS,), "whether the thrust of each module falls", FLAG),

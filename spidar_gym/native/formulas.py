@@ -22,6 +22,7 @@ from spidar_gym.native.structs import fill
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.recirculation import RecirculationConfig
 
 
 @cache
@@ -98,6 +99,8 @@ def evaluate_air(
     noise: RotorVector,
     push_w: Vector3,
     config: AeroConfig | None = None,
+    recirculation: RecirculationConfig | None = None,
+    eddy: np.ndarray | None = None,
     robot: RobotSpec = ROBOT,
 ) -> AirForces:
     """Evaluate the forces of the air on a robot whose kinematics are up to date.
@@ -109,16 +112,21 @@ def evaluate_air(
         noise: Thrust noise of each module [N].
         push_w: Force of a push at the torso's centre, world [N].
         config: Parameters of the air.
+        recirculation: Parameters of the recirculation.
+        eddy: State of its eddy, (6,): U, then Ω, less their means, over their standard deviations; none without it.
         robot: Robot of the scene.
     """
     layouts = engine_layouts()
     parameters, found = np.zeros((), layouts["aero_config"]), np.zeros((), layouts["air"])
     fill(parameters, config or AeroConfig())
+    returning = np.zeros((), layouts["recirculation_config"])
+    fill(returning, recirculation or RecirculationConfig())
     given = [np.ascontiguousarray(each, float) for each in (thrust, wind_w, noise, push_w)]
     names = ("tile0_0", "box0")
     has = [mujoco.mj_name2id(simulation.model, mujoco.mjtObj.mjOBJ_GEOM, name) >= 0 for name in names]  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
-    arguments = (world(*has, robot), simulation.record, parameters, *given, found)
-    _function("sp_evaluate_air")(*map(pointer, arguments))
+    arguments = (world(*has, robot), simulation.record, parameters, returning, *given)
+    turning = None if eddy is None else pointer(np.ascontiguousarray(eddy, float))
+    _function("sp_evaluate_air")(*map(pointer, arguments), turning, pointer(found))
     return AirForces(
         found["generalized"].copy(), found["thrust_factor"].copy(),
         found["forces_w"].reshape(-1, 3).copy(), found["points_w"].reshape(-1, 3).copy(),
@@ -159,6 +167,17 @@ class Weather:
     def push_w(self) -> Vector3:
         """Force of the present push [N]."""
         return self._record["push_w"].copy()
+
+
+def advance_eddy(eddy: np.ndarray, config: RecirculationConfig, dt: float, rng: np.random.Generator) -> np.ndarray:
+    """Sample the eddy's next state (6,), `dt` [s] later: x ← x e^{−dt/T} + √(1 − e^{−2 dt/T}) n."""
+    parameters = np.zeros((), engine_layouts()["recirculation_config"])
+    fill(parameters, config)
+    after, generator = np.array(eddy, float), from_numpy(rng)
+    advance = _function("sp_advance_eddy")
+    advance(pointer(parameters), ctypes.c_double(dt), pointer(generator), pointer(after))
+    take_back(rng, generator)
+    return after
 
 
 def thrust_noise(noise: RotorVector, sigma: float, dt: float, rng: np.random.Generator) -> RotorVector:

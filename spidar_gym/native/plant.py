@@ -163,18 +163,18 @@ class Plant:
             vectoring: (φ, θ) [rad]; zero by default.
             thrust: Thrust that the modules already deliver [N]; zero by default.
             disturbances: Disturbances and fault; none by default.
-            rng: Generator of noise, wind and pushes; it is copied and not advanced.
+            rng: Generator of noise, wind, pushes and recirculation; it is copied and not advanced.
             spent_wh: Energy that its battery lacks [Wh].
             motion: Velocity of the torso's origin, world [m/s], and its angular velocity, torso axes [rad/s], shape
                 (6,); at rest by default.
 
         Raises:
-            InvalidValueError: For noise, wind or pushes without a generator.
+            InvalidValueError: For noise, wind, pushes or recirculation without a generator.
         """
         disturbances = disturbances or Disturbances()
-        random = self.config.sense or self.config.actuators.thrust_noise
+        random = self.config.sense or self.config.actuators.thrust_noise or self.config.recirculation.acts
         if rng is None and (random or disturbances.has_weather):
-            raise InvalidValueError("rng", rng, "a generator, where there is noise, wind or pushes")
+            raise InvalidValueError("rng", rng, "a generator, where there is noise, wind, pushes or recirculation")
         fill(self.record["disturbances"], disturbances)
         self.record["spent_wh"] = spent_wh
         if rng is not None:

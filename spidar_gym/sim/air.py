@@ -24,6 +24,9 @@ LINK_STATIONS = ((0.09, 0.05), (0.26, 0.05), (0.43, 0.07))
 """Stations along a link and the width of the part exposed to the wind there: rod, rod, battery [m]."""
 LINK_SEGMENT = 0.18
 """Length of a link that a station represents [m]."""
+STACKING_RADIUS = 0.22
+"""Distance between the axes of two stacked modules at which `stacking_loss` falls by a factor of e [m]: half a module's
+width [chosen]."""
 BLUFF = 1.1
 """Drag coefficient of cylinders in cross flow and of discs at these Reynolds numbers."""
 
@@ -38,6 +41,9 @@ class AeroConfig:
     """χ: axial inflow at which a duct's thrust vanishes, in units of its own jet speed [Leishman]."""
     core_length: float = 4.0
     """Length of a jet's potential core in duct diameters: 3.25 … 6.2 in the literature [Hamill]."""
+    stacking_loss: float = 0.0
+    """Share of its thrust that a module loses directly below another one, in addition to the jets' effect; 0 … 0.2
+    [chosen]. It decreases as exp[−(d / 0.22 m)²] with the distance d from the lower module's axis."""
     duct_drag_area: float = 0.0015
     """C_d A of one duct in a stream [m²]."""
     ground_effect: float = 1.0
@@ -49,6 +55,8 @@ class AeroConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > least):
                 raise InvalidValueError(name, value, f"a number above {least:g}")
+        if not 0.0 <= self.stacking_loss <= 1.0:
+            raise InvalidValueError("stacking_loss", self.stacking_loss, "a share within 0 … 1")
         if not 0.0 <= self.duct_drag_area < math.inf:
             raise InvalidValueError("duct_drag_area", self.duct_drag_area, "a number of at least 0 [m²]")
         if not math.isfinite(self.ground_effect):

@@ -1,4 +1,4 @@
-"""Configuration of the simulated robot in five parts, all nominal by default."""
+"""Configuration of the simulated robot in six parts, all nominal by default."""
 
 from dataclasses import dataclass, field, fields
 
@@ -8,6 +8,7 @@ from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.recirculation import RecirculationConfig
 from spidar_gym.sim.sensors import SensorConfig
 
 
@@ -29,6 +30,8 @@ class PlantConfig:
     """Rotors and servos."""
     aero: AeroConfig = field(default_factory=AeroConfig)
     """The air."""
+    recirculation: RecirculationConfig = field(default_factory=RecirculationConfig)
+    """Eddies of the air that returns to the robot."""
     sensors: SensorConfig = field(default_factory=SensorConfig)
     """Noise of the sensors."""
     ground: GroundConfig = field(default_factory=GroundConfig)

@@ -8,6 +8,7 @@ from support.air import HIGH, evaluate, evaluate_reference, posed
 from spidar_gym.native import formulas
 from spidar_gym.robot import ROBOT
 from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.recirculation import RecirculationConfig
 from spidar_gym.so3 import exp
 
 CHIS = (2.1, 2.6, 3.2)
@@ -43,6 +44,9 @@ def test_the_air_does_what_the_references_does_in_any_pose_motion_wind_and_near_
             "wake": bool(k % 3),
             "zero_thrust_speed": rng.uniform(2.1, 3.2),
             "core_length": rng.uniform(3.25, 6.2),
+            "stacking_loss": rng.uniform(0.0, 0.3) if k % 5 else 0.0,
+            "recirculation": RecirculationConfig(*rng.uniform(0.0, 0.05, (4, 3)), near=rng.uniform(0.0, 2.0)),
+            "eddy": rng.normal(0.0, 1.0, 6) if k % 4 else None,
         }
         own, other = evaluate(data, *world, **config), evaluate_reference(data, *world, **config)
         for name in ("generalized", "thrust_factor", "forces_w", "points_w"):
@@ -53,7 +57,8 @@ def test_the_weather_and_the_noise_are_drawn_as_numpy_draws_them():
     storm = Disturbances(wind=4.0, push=30.0)
     mine, theirs = np.random.default_rng(2), np.random.default_rng(2)
     own, other = formulas.Weather(storm, mine), weather.Weather.draw(storm, theirs)
-    noises, pushed = (np.zeros(8), np.zeros(8)), 0
+    noises, eddies, pushed = (np.zeros(8), np.zeros(8)), (np.zeros(6), np.zeros(6)), 0
+    slow = RecirculationConfig(flow_seconds=2.0, turn_seconds=0.3)
     for k in range(1, 2000):
         own.advance(0.025 * k, 0.025, mine)
         other.advance(storm, 0.025 * k, 0.025, theirs)
@@ -61,10 +66,15 @@ def test_the_weather_and_the_noise_are_drawn_as_numpy_draws_them():
             formulas.thrust_noise(noises[0], 0.3, 0.025, mine),
             weather.thrust_noise(noises[1], 0.3, 0.025, theirs),
         )
+        eddies = (
+            formulas.advance_eddy(eddies[0], slow, 0.025, mine),
+            weather.advance_eddy(eddies[1], slow, 0.025, theirs),
+        )
         pushed += own.push_w.any()
         for name in ("mean_w", "gust_w", "push_w"):
             np.testing.assert_allclose(getattr(own, name), getattr(other, name), rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(*noises, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(*eddies, rtol=1e-12, atol=1e-12)
     assert mine.random() == theirs.random()
     assert pushed > 8
 

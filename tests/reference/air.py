@@ -26,8 +26,10 @@ from spidar_gym.sim.air import (
     NEAR,
     REACH,
     SPREAD,
+    STACKING_RADIUS,
     AeroConfig,
 )
+from spidar_gym.sim.recirculation import NEAR_LENGTH, RecirculationConfig
 
 
 def jet_profile(
@@ -107,9 +109,15 @@ class Aero:
     over the disc of a duct and sampled at a single point elsewhere.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, config: AeroConfig | None = None) -> None:  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
+    def __init__(
+        self,
+        model: mujoco.MjModel,  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
+        data: mujoco.MjData,  # pyright: ignore[reportAttributeAccessIssue] - as above
+        config: AeroConfig | None = None,
+        recirculation: RecirculationConfig | None = None,
+    ) -> None:
         """Place the stations and record which degrees of freedom move each of them."""
-        self.config = config or AeroConfig()
+        self.config, self._recirculation = config or AeroConfig(), recirculation or RecirculationConfig()
         modules = [model.body(f"gimbal{i}_pitch_module").id for i in range(1, N_ROTORS + 1)]
         links = [model.body(f"link{i}").id for i in range(1, N_LINKS + 1)]
         torso = model.body("torso").id
@@ -148,7 +156,10 @@ class Aero:
                 self._moves[first : first + model.body_dofnum[body], k] = 1.0
                 body = model.body_parentid[body]
 
-    def evaluate(self, thrust: RotorVector, *, wind_w: Vector3, noise: RotorVector, push_w: Vector3) -> AirForces:
+    def evaluate(
+        self, thrust: RotorVector, *, wind_w: Vector3, noise: RotorVector, push_w: Vector3,
+        eddy: np.ndarray | None = None,
+    ) -> AirForces:  # fmt: skip
         """Forces of the air at the positions and velocities of the latest kinematics (one physics step old).
 
         Args:
@@ -156,6 +167,7 @@ class Aero:
             wind_w: Velocity of the undisturbed air, world [m/s].
             noise: Thrust noise of each module [N].
             push_w: Force of a push at the torso's centre, world [N].
+            eddy: State of the recirculation's eddy, (6,); none without it.
         """
         config, origin, ducts, links, plate = self.config, self._origin, self._ducts, self._links, self._plate
         R = self._xmat.take(self._body, axis=0).reshape(-1, 3, 3)
@@ -173,9 +185,12 @@ class Aero:
         air += p_yzx * omega.take(_ZXY, axis=1) - p_zxy * omega.take(_YZX, axis=1)
         duct_thrust = 0.5 * np.repeat(np.maximum(thrust, 2.0 * LEAST_THRUST), 2)
         w = np.sqrt(duct_thrust * (1.0 / (AIR_DENSITY * DUCT_AREA)))
+        if eddy is not None:
+            speed = math.sqrt(float(duct_thrust.sum()) / (N_DUCTS * AIR_DENSITY * DUCT_AREA))
+            air += self._eddy_flow(eddy, speed, points)
         if config.wake:
             self._add_wake(air, points, points[ducts] + ROBOT.duct_z[0] * up, up, w, R)
-        elif not wind_w.any():
+        elif eddy is None and not wind_w.any():
             air[:] = 0.0
         F = np.empty_like(air)
         # Ducts: drag of the shroud, lift lost to the inflow, and ram drag ρ A w V⊥, because the ingested air leaves
@@ -185,6 +200,7 @@ class Aero:
         factor = np.interp(-axial / w, self._inflows, self._factors)
         if config.wake and config.ground_effect:
             factor = self._ground(factor, points[ducts, 2] + origin[2], up)
+        factor = factor * np.repeat(self._stacked(points[ducts], up[::2]), 2)
         lift = duct_thrust * (factor - 1.0) + 0.5 * np.repeat(noise, 2) - ram * axial
         F[ducts] = (self._duct_drag * np.sqrt((V * V) @ _SUM) + ram)[:, None] * V + lift[:, None] * up
         # Links: the flow along a rod exerts no force.
@@ -199,6 +215,25 @@ class Aero:
         wrenches = np.concatenate((torque, F), axis=1)
         generalized = ((self._moves @ wrenches) * self._cdof) @ _SUM_6
         return AirForces(generalized, factor, F, points + origin)
+
+    def _stacked(self, ducts: np.ndarray, up: np.ndarray) -> np.ndarray:
+        """Share of its thrust that each module keeps below others (8,)."""
+        if self.config.stacking_loss == 0.0:
+            return np.ones(N_ROTORS)
+        centres = ducts.reshape(N_ROTORS, 2, 3).mean(axis=1)
+        between = centres[None] - centres[:, None]
+        above = np.einsum("mjx,mx->mj", between, up)
+        square = (between**2).sum(axis=2) - above**2
+        lost = np.where(above > 0.0, np.exp(-square / STACKING_RADIUS**2), 0.0)
+        np.fill_diagonal(lost, 0.0)
+        return np.maximum(1.0 - self.config.stacking_loss * lost.sum(axis=1), 0.0)
+
+    def _eddy_flow(self, eddy: np.ndarray, speed: float, points: np.ndarray) -> np.ndarray:
+        """Velocity U + Ω × p of the recirculating air [m/s] at points p from the CoG, over a floor without boxes."""
+        c = self._recirculation
+        scale = speed * (1.0 + c.near * math.exp(-max(float(self._origin[2]), 0.0) / NEAR_LENGTH))
+        U, turn = c.mean_flow + c.flow * eddy[:3], c.mean_turn + c.turn * eddy[3:]
+        return scale * (U + np.cross(turn, points))
 
     def _add_wake(
         self, air: np.ndarray, points: np.ndarray, exits: np.ndarray, up: np.ndarray, w: np.ndarray, R: np.ndarray

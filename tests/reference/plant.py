@@ -15,7 +15,7 @@ from reference.energy import electrical_power, max_thrust, voltage
 from reference.events import Event, every, next_arrival
 from reference.plant_memory import PlantMemory, Saved
 from reference.sensors import Sensors
-from reference.weather import Weather, thrust_noise
+from reference.weather import Weather, advance_eddy, thrust_noise
 
 from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vectoring
 from spidar_gym.errors import InvalidValueError
@@ -87,7 +87,7 @@ class Plant:
         write_body(config.body, self.model, scene(visual=False, uneven=config.ground.uneven))
         config.ground.apply(self.model)
         sensors = Sensors(config.sensors, offsets(config.actuators)[N_ROTORS:])
-        return Aero(self.model, self.data, config.aero), sensors
+        return Aero(self.model, self.data, config.aero, config.recirculation), sensors
 
     @property
     def period(self) -> float:
@@ -124,9 +124,9 @@ class Plant:
             InvalidValueError: If noise, wind or pushes are configured without a generator.
         """
         disturbances = disturbances or Disturbances()
-        random = self.config.sense or self.config.actuators.thrust_noise
+        random = self.config.sense or self.config.actuators.thrust_noise or self.config.recirculation.acts
         if rng is None and (random or disturbances.has_weather):
-            raise InvalidValueError("rng", rng, "a generator, where there is noise, wind or pushes")
+            raise InvalidValueError("rng", rng, "a generator, where there is noise, wind, pushes or recirculation")
         mujoco.mj_resetData(self.model, self.data)
         quieten(self.data)
         self.diverged = False
@@ -149,6 +149,8 @@ class Plant:
         memory.in_contact = self.data.ncon > 0
         if rng is not None and disturbances.has_weather:
             memory.weather = Weather.draw(disturbances, rng)
+        if rng is not None and self.config.recirculation.acts:
+            memory.eddy = rng.standard_normal(6)
         self._choose_events()
         for event in self._events:
             event.run(self)
@@ -325,12 +327,13 @@ class Plant:
 
     @property
     def _has_air(self) -> bool:
-        """Whether air, wind, pushes or thrust noise act on the robot."""
-        disturbances, actuators = self.memory.disturbances, self.config.actuators
-        return self.config.aero.wake or disturbances.has_weather or actuators.thrust_noise > 0.0
+        """Whether air, wind, pushes, recirculation or thrust noise act on the robot."""
+        disturbances, config = self.memory.disturbances, self.config
+        noisy = config.actuators.thrust_noise > 0.0
+        return config.aero.wake or disturbances.has_weather or noisy or config.recirculation.acts
 
     def _update_air(self) -> None:
-        """Advance noise, wind and pushes, and evaluate the air."""
+        """Advance noise, wind, pushes and recirculation, and evaluate the air."""
         memory, actuators = self.memory, self.config.actuators
         weather, windy = memory.weather, memory.disturbances.has_weather
         if memory.rng is not None:
@@ -339,11 +342,14 @@ class Plant:
                 memory.noise = thrust_noise(memory.noise, actuators.thrust_noise, dt, memory.rng)
             if windy:
                 weather.advance(memory.disturbances, self.data.time, dt, memory.rng)
+            if self.config.recirculation.acts:
+                memory.eddy = advance_eddy(memory.eddy, self.config.recirculation, dt, memory.rng)
         memory.air = self._aero.evaluate(
             self._a.take(self._act[_ROTORS]) * gain(actuators),
             wind_w=weather.mean_w + weather.gust_w if windy else weather.mean_w,
             noise=memory.noise,
             push_w=weather.push_w,
+            eddy=memory.eddy if self.config.recirculation.acts else None,
         )
         self._applied[:] = memory.air.generalized
 

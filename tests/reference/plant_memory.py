@@ -30,6 +30,8 @@ class PlantMemory:
     """Disturbances of the episode."""
     weather: Weather = field(default_factory=Weather)
     """Wind and pushes."""
+    eddy: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """Recirculation: U, Ω less their means, over their standard deviations."""
     air: AirForces | None = None
     """Forces of the air at the last evaluation; None without air."""
     falling: RotorMask = field(default_factory=lambda: np.zeros(N_ROTORS, bool))

@@ -1,4 +1,4 @@
-"""NumPy reference of wind, pushes and thrust noise in native/engine/weather.c, with the same random numbers."""
+"""NumPy reference of native/engine/weather.c: wind, pushes, recirculation, noise, with the same random numbers."""
 
 import math
 from dataclasses import dataclass, field
@@ -8,6 +8,7 @@ import numpy as np
 from spidar_gym.arrays import Vector3
 from spidar_gym.sim.actuators import NOISE_BANDWIDTH
 from spidar_gym.sim.disturbances import INTENSITY, LENGTH, PUSH_EVERY, PUSH_SECONDS, Disturbances
+from spidar_gym.sim.recirculation import RecirculationConfig
 
 
 @dataclass
@@ -47,6 +48,12 @@ class Weather:
             self.next_push = time + rng.uniform(*PUSH_EVERY)
         elif time >= self.push_end - 1e-9:
             self.push_w = np.zeros(3)
+
+
+def advance_eddy(eddy: np.ndarray, config: RecirculationConfig, dt: float, rng: np.random.Generator) -> np.ndarray:
+    """The next state of the eddy, (6,): U, then Ω, less their means, over their standard deviations."""
+    decay = np.exp(-dt / np.repeat([config.flow_seconds, config.turn_seconds], 3))
+    return decay * eddy + np.sqrt(1.0 - decay * decay) * rng.standard_normal(6)
 
 
 def thrust_noise(noise: np.ndarray, sigma: float, dt: float, rng: np.random.Generator) -> np.ndarray:

@@ -51,6 +51,23 @@ def test_form_3_upright_loses_8_to_14_percent_of_the_weight_in_its_own_wake():
     np.testing.assert_allclose(air.generalized[[0, 1, 3, 4, 5]], 0.0, rtol=0, atol=1e-9)
 
 
+def test_stacking_costs_the_lower_modules_of_form_3_their_share_and_no_module_of_form_1():
+    vectoring = upright(FORMS["form3"], LEVEL)
+    vectoring[INNER, 1] = -0.40
+    data = posed(FORMS["form3"], vectoring)
+    ratio = by_module(evaluate(data, stacking_loss=0.1)) / by_module(evaluate(data))
+    # The lower rotors are 37 mm from the vertical through the upper ones: exp(−(0.037 / 0.22)²) = 0.97.
+    np.testing.assert_allclose(ratio[~INNER], 1.0 - 0.1 * 0.97, rtol=0, atol=0.002)
+    np.testing.assert_allclose(ratio[INNER], 1.0, rtol=0, atol=0.005)
+    flat = [by_module(evaluate(form("form1"), stacking_loss=loss)) for loss in (0.0, 0.2)]
+    np.testing.assert_allclose(flat[1], flat[0], rtol=0, atol=0.005)
+    # The jets alone lose less than 1 % with the literature's shortest core and θ 0.06 rad off.
+    vectoring[INNER, 1] = -0.46
+    assert -evaluate(posed(FORMS["form3"], vectoring), core_length=3.25).generalized[2] < 0.01 * ROBOT.weight
+    with pytest.raises(InvalidValueError, match="stacking_loss"):
+        AeroConfig(stacking_loss=1.1)
+
+
 def test_form_3_loses_less_than_a_hundredth_of_its_lift_once_the_upper_jets_point_past_the_lower_rotors():
     vectoring = upright(FORMS["form3"], LEVEL)
     vectoring[INNER, 1] = -0.40

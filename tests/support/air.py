@@ -43,16 +43,23 @@ def posed(q, vectoring, R_wb=LEVEL, position=HIGH, velocity=0.0) -> mujoco.MjDat
     return data
 
 
-def evaluate(data, thrust=HOVER, wind=STILL, noise=NONE, push=STILL, **config) -> AirForces:
+def evaluate(
+    data, thrust=HOVER, wind=STILL, noise=NONE, push=STILL, *, recirculation=None, eddy=None, simulation=None, **config
+) -> AirForces:
     """Forces of the air by the core; `config` replaces parameters."""
-    simulation = Simulation(world())
+    simulation = simulation or Simulation(world())
     for name in SEEN:
         getattr(simulation.data, name)[:] = getattr(data, name)
     wind_w, push_w = np.array(wind, float), np.array(push, float)
-    return evaluate_air(simulation, thrust, wind_w=wind_w, noise=noise, push_w=push_w, config=AeroConfig(**config))
+    return evaluate_air(
+        simulation, thrust, wind_w=wind_w, noise=noise, push_w=push_w, config=AeroConfig(**config),
+        recirculation=recirculation, eddy=eddy,
+    )  # fmt: skip
 
 
-def evaluate_reference(data, thrust=HOVER, wind=STILL, noise=NONE, push=STILL, **config):
+def evaluate_reference(
+    data, thrust=HOVER, wind=STILL, noise=NONE, push=STILL, *, recirculation=None, eddy=None, **config
+):
     """Forces of the air by the Python reference."""
-    air = reference.Aero(world(), data, AeroConfig(**config))
-    return air.evaluate(thrust, wind_w=np.array(wind, float), noise=noise, push_w=np.array(push, float))
+    air = reference.Aero(world(), data, AeroConfig(**config), recirculation)
+    return air.evaluate(thrust, wind_w=np.array(wind, float), noise=noise, push_w=np.array(push, float), eddy=eddy)

@@ -10,6 +10,7 @@ from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.recirculation import RecirculationConfig
 from spidar_gym.so3 import exp, matrix_to_quat
 from spidar_gym.state import Command
 
@@ -17,6 +18,11 @@ HIGH = np.array([0.0, 0.0, 5.0])
 VACUUM = AeroConfig(wake=False)
 ASKEW = matrix_to_quat(exp(np.array([0.2, -0.1, 0.3])))
 NOISE = ActuatorConfig(thrust_noise=0.3)
+EDDY = RecirculationConfig(
+    flow=np.array([0.02, 0.02, 0.05]), turn=np.array([0.04, 0.04, 0.01]), mean_flow=np.array([0.01, -0.01, 0.02]),
+    mean_turn=np.array([0.0, 0.02, 0.01]), near=1.5,
+)  # fmt: skip
+"""Recirculation of all kinds."""
 STORM = Disturbances(wind=4.0, push=30.0)
 EVERYTHING = ActuatorConfig(
     thrust_noise=0.3, delay=0.0275, vectoring_delay=0.01, backlash=0.01, spin_down=0.6, battery=True,
@@ -32,13 +38,19 @@ ODDITIES: dict[str, tuple[PlantConfig, Disturbances]] = {
     "backlash": (PlantConfig(actuators=ActuatorConfig(backlash=0.02)), Disturbances()),
     "spin-down": (PlantConfig(actuators=ActuatorConfig(spin_down=0.5), aero=VACUUM), Disturbances()),
     "battery": (PlantConfig(actuators=ActuatorConfig(battery=True)), Disturbances()),
+    "recirculation": (PlantConfig(recirculation=EDDY), Disturbances()),
+    "recirculation in a vacuum": (PlantConfig(aero=VACUUM, recirculation=EDDY), Disturbances()),
+    "stacked rotors": (PlantConfig(aero=AeroConfig(stacking_loss=0.1)), Disturbances()),
     "wind": (PlantConfig(), Disturbances(wind=4.0)),
     "wind in a vacuum": (PlantConfig(aero=VACUUM), Disturbances(wind=4.0)),
     "pushes": (PlantConfig(), Disturbances(push=30.0)),
     "lost thrust": (PlantConfig(), Disturbances(lost_rotor=3, fault_time=0.1)),
     "lost vectoring": (PlantConfig(), Disturbances(lost_rotor=3, fault="vectoring", fault_time=0.05)),
     "sensors": (PlantConfig(sense=True), Disturbances()),
-    "everything": (PlantConfig(substeps=7, sense=True, idle_thrust=1.2, actuators=EVERYTHING), STORM),
+    "everything": (
+        PlantConfig(substeps=7, sense=True, idle_thrust=1.2, actuators=EVERYTHING, recirculation=EDDY),
+        STORM,
+    ),
 }
 """Everything on which a simulated state can depend, one effect at a time and all together."""
 

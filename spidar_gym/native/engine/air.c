@@ -1,4 +1,5 @@
-/* Aerodynamics: sixteen ducted jets with their effect on other rotors, links and torso, ram drag, ground effect, wind.
+/* Aerodynamics: sixteen ducted jets with their effect on other rotors, links and torso, ram drag, ground effect, wind,
+ * recirculation.
  *
  * docs/concepts/air.md has the equations with their sources. Forces are evaluated at the kinematics of the latest
  * physics step, which are one step old, and held until the next evaluation.
@@ -104,6 +105,55 @@ static double top_under(const sp_world *world, const sp_sim *sim, const double *
     return highest;
 }
 
+/* Return the share of its thrust that a module keeps below others. `ducts` are the stations of the ducts. */
+static double stacked(const station *ducts, const double *up, int module, double loss)
+{
+    double kept = 1.0;
+    for (int j = 0; j < SP_ROTORS; j++) {
+        double from[3];
+        if (j == module) continue;
+        for (int i = 0; i < 3; i++)
+            from[i] = 0.5 * (ducts[2 * j].p[i] + ducts[2 * j + 1].p[i] - ducts[2 * module].p[i] - ducts[2 * module + 1].p[i]);
+        double above = sp_dot(from, up), square = sp_dot(from, from) - above * above;
+        if (above > 0.0) kept -= loss * exp(-square / (SP_STACKING_RADIUS * SP_STACKING_RADIUS));
+    }
+    return sp_max(kept, 0.0);
+}
+
+/* Return the distance of a point from the nearest surface: the floor's plane or a box [m]. */
+static double nearest_surface(const sp_world *world, const sp_sim *sim, const double *p)
+{
+    double nearest = sp_max(p[2], 0.0);
+    for (int k = 0; world->box[0] >= 0 && k < SP_BOXES; k++) {
+        const double *at = sim->geom_pos + 3 * world->box[k], *half = sim->geom_size + 3 * world->box[k];
+        double from[3] = {p[0] - at[0], p[1] - at[1], p[2] - at[2]}, R[9], inside[3];
+        sp_from_quat(sim->geom_quat + 4 * world->box[k], R);
+        sp_apply_t(R, from, inside);
+        for (int i = 0; i < 3; i++) inside[i] = sp_max(fabs(inside[i]) - half[i], 0.0);
+        nearest = sp_min(nearest, sp_norm(inside));
+    }
+    return nearest;
+}
+
+/* Add the recirculating air to the air velocity at the stations: U + Ω × p, in proportion to the jets' mean speed. */
+static void add_eddy(station *all, const sp_world *world, const sp_sim *sim, const sp_recirculation_config *c,
+                     const double *eddy, double speed)
+{
+    double scale = speed, U[3], turn[3], swirl[3];
+    if (c->near > 0.0) {
+        double d = nearest_surface(world, sim, sim->subtree_com + 3 * world->torso);
+        scale *= 1.0 + c->near * exp(-d / SP_NEAR_LENGTH);
+    }
+    for (int i = 0; i < 3; i++) {
+        U[i] = scale * (c->mean_flow[i] + c->flow[i] * eddy[i]);
+        turn[i] = scale * (c->mean_turn[i] + c->turn[i] * eddy[3 + i]);
+    }
+    for (int k = 0; k < SP_STATIONS; k++) {
+        sp_cross(turn, all[k].p, swirl);
+        for (int i = 0; i < 3; i++) all[k].air[i] += U[i] + swirl[i];
+    }
+}
+
 /* `factor` with ground effect: within four radii of the floor along the jet, tilted by less than 60°. */
 static double near_ground(double factor, double centre_z, double up_z, const sp_world *world, double strength)
 {
@@ -114,9 +164,11 @@ static double near_ground(double factor, double centre_z, double up_z, const sp_
     return factor * (1.0 + strength * (ratio * ratio));
 }
 
-/* Evaluate the forces of the air: `thrust` in still air and `noise` per module [N], wind [m/s] and push [N], world. */
-void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_config *config, const double *thrust,
-                     const double *wind_w, const double *noise, const double *push_w, sp_air *out)
+/* Evaluate the forces of the air: `thrust` in still air and `noise` per module [N], wind [m/s] and push [N], world; the
+ * state of the recirculation's eddy, NULL without. */
+void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_config *config,
+                     const sp_recirculation_config *recirculation, const double *thrust, const double *wind_w,
+                     const double *noise, const double *push_w, const double *eddy, sp_air *out)
 {
     const double *origin = sim->subtree_com + 3 * world->torso, half = 0.5 * SP_AIR_DENSITY;
     double area = SP_PI * (world->propeller_radius * world->propeller_radius), radius = world->torso_radius;
@@ -144,7 +196,12 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
         place(s, sim, world->torso, origin, places[k][0], places[k][1], wind_w);
         s->owner = -1;
     }
-    int still = !config->wake && wind_w[0] == 0.0 && wind_w[1] == 0.0 && wind_w[2] == 0.0;
+    int still = !config->wake && eddy == NULL && wind_w[0] == 0.0 && wind_w[1] == 0.0 && wind_w[2] == 0.0;
+    if (eddy != NULL) {
+        double sum = 0.0;
+        for (int k = 0; k < SP_DUCTS; k++) sum += lifts[k];
+        add_eddy(all, world, sim, recirculation, eddy, sqrt(sum / (SP_DUCTS * SP_AIR_DENSITY * area)));
+    }
     double lowest = HUGE_VAL;
     for (int k = 0; k < SP_STATIONS; k++) {
         if (config->wake) add_wake(&all[k], k < SP_DUCTS, world, up, (const double(*)[3])exits, w, config->core_length);
@@ -165,6 +222,7 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
             if (boxed) height -= top_under(world, sim, centre);
             factor = near_ground(factor, height, axis[2], world, config->ground_effect);
         }
+        if (config->stacking_loss > 0.0) factor *= stacked(all, axis, k / 2, config->stacking_loss);
         double lift = lifts[k] * (factor - 1.0) + 0.5 * noise[k / 2] - ram * axial;
         double drag = half * config->duct_drag_area * sp_norm(V) + ram;
         for (int i = 0; i < 3; i++) s->F[i] = drag * V[i] + lift * axis[i];

@@ -50,13 +50,17 @@ typedef struct {
 /* air.c */
 double sp_jet_profile(double s, double r, double w, double core_length, double radius);
 double sp_thrust_factor(double inflow, double zero_thrust_speed);
-void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_config *config, const double *thrust,
-                     const double *wind_w, const double *noise, const double *push_w, sp_air *air);
+void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_config *config,
+                     const sp_recirculation_config *recirculation, const double *thrust, const double *wind_w,
+                     const double *noise, const double *push_w, const double *eddy, sp_air *air);
 
 /* weather.c */
 void sp_draw_weather(const sp_disturbances *disturbances, sp_generator *generator, sp_weather *weather);
 void sp_advance_weather(const sp_disturbances *disturbances, double time, double dt, sp_generator *generator,
                         sp_weather *weather);
+int sp_recirculates(const sp_recirculation_config *config);
+void sp_draw_eddy(sp_generator *generator, double *eddy);
+void sp_advance_eddy(const sp_recirculation_config *config, double dt, sp_generator *generator, double *eddy);
 void sp_advance_noise(double *noise, double sigma, double dt, sp_generator *generator);
 
 /* sensors.c */

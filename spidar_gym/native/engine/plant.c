@@ -125,7 +125,7 @@ static void deliver(const sp_sim *sim, sp_plant *p)
     if (p->is_stuck) sp_copy(sim->ctrl + FIRST_GIMBAL + 2 * (p->disturbances.lost_rotor - 1), p->stuck, 2);
 }
 
-/* Advance noise, wind and pushes, and evaluate the air. */
+/* Advance noise, wind, pushes and recirculation, and evaluate the air. */
 static void blow(const sp_world *world, const sp_sim *sim, sp_plant *p, sp_air *air)
 {
     const sp_actuator_config *c = &p->config.actuators;
@@ -135,7 +135,10 @@ static void blow(const sp_world *world, const sp_sim *sim, sp_plant *p, sp_air *
     if (d->wind > 0.0 || d->push > 0.0) sp_advance_weather(d, *sim->time, dt, &p->generator, &p->weather);
     for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sim->act[i] * gain(p, i);
     for (int i = 0; i < 3; i++) wind_w[i] = p->weather.mean_w[i] + p->weather.gust_w[i];
-    sp_evaluate_air(world, sim, &p->config.aero, thrust, wind_w, p->noise, p->weather.push_w, air);
+    int recirculates = sp_recirculates(&p->config.recirculation);
+    if (recirculates) sp_advance_eddy(&p->config.recirculation, dt, &p->generator, p->eddy);
+    sp_evaluate_air(world, sim, &p->config.aero, &p->config.recirculation, thrust, wind_w, p->noise, p->weather.push_w,
+                    recirculates ? p->eddy : NULL, air);
     sp_copy(sim->qfrc_applied, air->generalized, SP_DOFS);
 }
 
@@ -262,7 +265,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
                     const double *joints, const double *vectoring, const double *thrust, const double *motion, sp_plant *p)
 {
     const sp_actuator_config *c = &p->config.actuators;
-    int weather = p->disturbances.wind > 0.0 || p->disturbances.push > 0.0;
+    int weather = p->disturbances.wind > 0.0 || p->disturbances.push > 0.0, recirculates;
     double target[SP_ACTUATORS], limit[SP_JOINTS], offsets[SP_ANGLES];
     sp_air air;
     sim->mujoco->set_state(sim->model, sim->data, world->start, (int)sim->mujoco->state_kind);
@@ -280,7 +283,9 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     sp_zero(p->loose, SP_JOINTS);
     memset(&p->weather, 0, sizeof p->weather);
     p->weather.next_push = HUGE_VAL;
-    p->has_air = p->config.aero.wake || weather || c->thrust_noise > 0.0;
+    sp_zero(p->eddy, 6);
+    recirculates = sp_recirculates(&p->config.recirculation);
+    p->has_air = p->config.aero.wake || weather || c->thrust_noise > 0.0 || recirculates;
     p->senses = p->config.sense;
     sp_copy(target, thrust, SP_ROTORS);
     sp_copy(target + SP_ROTORS, joints, SP_JOINTS);
@@ -300,6 +305,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     p->in_contact = *sim->contacts > 0;
     p->clearance = sp_clearance(world, sim, p);
     if (weather) sp_draw_weather(&p->disturbances, &p->generator, &p->weather);
+    if (recirculates) sp_draw_eddy(&p->generator, p->eddy);
     if (p->has_air) {
         blow(world, sim, p, &air);
         keep_air(&air, p);

@@ -1,4 +1,4 @@
-/* Disturbances: wind with turbulence, pushes, and thrust noise.
+/* Disturbances: wind with turbulence, pushes, the eddy of the recirculation, and thrust noise.
  *
  * First-order Dryden turbulence [MIL-F-8785C]; pushes of 0.2 s, each in a random direction. The order of the draws
  * determines what a seed produces.
@@ -33,6 +33,30 @@ void sp_advance_weather(const sp_disturbances *d, double time, double dt, sp_gen
         weather->next_push = time + sp_uniform(generator, SP_PUSH_EVERY[0], SP_PUSH_EVERY[1]);
     } else if (time >= weather->push_end - 1e-9) {
         sp_zero(weather->push_w, 3);
+    }
+}
+
+/* Whether there is any recirculation. */
+int sp_recirculates(const sp_recirculation_config *c)
+{
+    int any = 0;
+    for (int i = 0; i < 3; i++)
+        any |= c->flow[i] != 0.0 || c->turn[i] != 0.0 || c->mean_flow[i] != 0.0 || c->mean_turn[i] != 0.0;
+    return any;
+}
+
+/* Sample the eddy in its stationary state: six numbers of mean 0 and variance 1, of U, then of Ω. */
+void sp_draw_eddy(sp_generator *generator, double *eddy)
+{
+    for (int i = 0; i < 6; i++) eddy[i] = sp_normal(generator);
+}
+
+/* Advance the eddy by `dt` [s]: x ← x e^{−dt/T} + √(1 − e^{−2 dt/T}) n. */
+void sp_advance_eddy(const sp_recirculation_config *c, double dt, sp_generator *generator, double *eddy)
+{
+    for (int i = 0; i < 6; i++) {
+        double decay = exp(-dt / (i < 3 ? c->flow_seconds : c->turn_seconds));
+        eddy[i] = decay * eddy[i] + sqrt(1.0 - decay * decay) * sp_normal(generator);
     }
 }
 

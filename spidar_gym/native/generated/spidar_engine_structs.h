@@ -38,9 +38,11 @@
 #define SP_LINK_SEGMENT 0x1.70a3d70a3d70ap-3 /* 0.18, spidar_gym.sim.air.LINK_SEGMENT */
 #define SP_REACH 0x1.0a3d70a3d70a4p-3 /* 0.13, spidar_gym.sim.air.REACH */
 #define SP_SPREAD 0x1.ae147ae147ae1p-2 /* 0.42, spidar_gym.sim.air.SPREAD */
+#define SP_STACKING_RADIUS 0x1.c28f5c28f5c29p-3 /* 0.22, spidar_gym.sim.air.STACKING_RADIUS */
 #define SP_JET_NEAR 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.sim.air.NEAR */
 #define SP_JET_LEAST_THRUST 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.sim.air.LEAST_THRUST */
 #define SP_NOISE_BANDWIDTH 0x1.4000000000000p+3 /* 10.0, spidar_gym.sim.actuators.NOISE_BANDWIDTH */
+#define SP_NEAR_LENGTH 0x1.0000000000000p+0 /* 1.0, spidar_gym.sim.recirculation.NEAR_LENGTH */
 static const double SP_WIND_LENGTH[3] = {0x1.7000000000000p+4, 0x1.7000000000000p+4, 0x1.8666666666666p+1};
 static const double SP_WIND_INTENSITY[3] = {0x1.916872b020c4ap-3, 0x1.916872b020c4ap-3, 0x1.999999999999ap-4};
 #define SP_PUSH_SECONDS 0x1.999999999999ap-3 /* 0.2, spidar_gym.sim.disturbances.PUSH_SECONDS */
@@ -139,6 +141,7 @@ typedef struct {
     int32_t wake; /* Whether air is simulated without wind: jets, drag, inflow by the robot's motion, ground effect. */
     double zero_thrust_speed; /* χ: axial inflow at which a duct's thrust vanishes, in units of its own jet speed [Leishman]. */
     double core_length; /* Length of a jet's potential core in duct diameters: 3.25 … 6.2 in the literature [Hamill]. */
+    double stacking_loss; /* Share of its thrust that a module loses directly below another one, in addition to the jets' effect; 0 … 0.2 [chosen]. It decreases as exp[−(d / 0.22 m)²] with the distance d from the lower module's axis. */
     double duct_drag_area; /* C_d A of one duct in a stream [m²]. */
     double ground_effect; /* a in T ← T (1 + a (R / 4h)²): 1 is Cheeseman and Bennett's open rotor; ducts have either sign. */
 } sp_aero_config;
@@ -163,6 +166,17 @@ typedef struct {
     double tiles[256]; /* (16, 16) Height of each tile over the plane [m]; all zero is a plane without tiles. */
     double boxes[448]; /* (64, 7) Boxes in the world: centre, half of length, width and height [m], downward pitch of the front [rad]; boxes of zero size are unused. */
 } sp_ground_config;
+
+/* Parameters of the recirculating wake; off by default. */
+typedef struct {
+    double flow[3]; /* Standard deviation of U over w, world axes [1]. */
+    double turn[3]; /* Standard deviation of Ω over w, world axes [1/m]. */
+    double mean_flow[3]; /* Mean of U over w, world axes [1]. */
+    double mean_turn[3]; /* Mean of Ω over w, world axes [1/m]. */
+    double flow_seconds; /* Correlation time of U [s]. */
+    double turn_seconds; /* Correlation time of Ω [s]. */
+    double near; /* n in the factor 1 + n exp(−d / 1 m) on U and Ω at the distance d from the nearest floor or box. */
+} sp_recirculation_config;
 
 /* Noise of the sensors; values of a motion capture of the Vicon class [JSK] and of an ADIS16448 [RotorS]. */
 typedef struct {
@@ -191,6 +205,7 @@ typedef struct {
     sp_body_config body; /* Masses, inertias and friction. */
     sp_actuator_config actuators; /* Rotors and servos. */
     sp_aero_config aero; /* The air. */
+    sp_recirculation_config recirculation; /* Eddies of the air that returns to the robot. */
     sp_sensor_config sensors; /* Noise of the sensors. */
     sp_ground_config ground; /* The floor. */
 } sp_plant_config;
@@ -308,6 +323,7 @@ typedef struct {
     double spent_wh; /* energy that the battery lacks at the reset [Wh] */
     double noise[8]; /* of the thrusts [N] */
     sp_weather weather;
+    double eddy[6]; /* recirculation: U, Ω less their means, over their standard deviations */
     double air_force_w[3]; /* of the air, without the thrust in still air, world [N] */
     double air_factor[16]; /* thrust of each duct over that in still air */
     int32_t falling[8]; /* whether the thrust of each module falls */
