@@ -25,10 +25,14 @@ class RecirculationConfig:
     in proportion to the thrust.
     """
 
-    flow: np.ndarray = field(default_factory=lambda: constant(0.0, 3))
-    """Standard deviation of U over w, world axes [1]."""
-    turn: np.ndarray = field(default_factory=lambda: constant(0.0, 3))
-    """Standard deviation of Ω over w, world axes [1/m]."""
+    flow_xy: float = 0.0
+    """Standard deviation of U over w along x and along y, world axes [1]."""
+    flow_z: float = 0.0
+    """Standard deviation of U over w along z [1]."""
+    turn_xy: float = 0.0
+    """Standard deviation of Ω over w about x and about y, world axes [1/m]."""
+    turn_z: float = 0.0
+    """Standard deviation of Ω over w about z [1/m]."""
     mean_flow: np.ndarray = field(default_factory=lambda: constant(0.0, 3))
     """Mean of U over w, world axes [1]."""
     mean_turn: np.ndarray = field(default_factory=lambda: constant(0.0, 3))
@@ -43,7 +47,6 @@ class RecirculationConfig:
     def __post_init__(self) -> None:
         """Validate the parameters."""
         require_arrays(self)
-        most = {"flow": MOST_FLOW, "mean_flow": MOST_FLOW, "turn": MOST_TURN, "mean_turn": MOST_TURN, "near": MOST_NEAR}
         for f in fields(self):
             value = np.asarray(getattr(self, f.name), float)
             if f.name.endswith("seconds"):
@@ -51,12 +54,14 @@ class RecirculationConfig:
                     valid = f"a time above 0, at most {MOST_SECONDS:g} s"
                     raise InvalidValueError(f.name, getattr(self, f.name), valid)
                 continue
-            least = -most[f.name] if f.name.startswith("mean") else 0.0
-            if not ((value >= least) & (value <= most[f.name])).all():
-                valid = f"numbers within {least:g} … {most[f.name]:g}"
+            most = MOST_NEAR if f.name == "near" else MOST_TURN if "turn" in f.name else MOST_FLOW
+            least = -most if f.name.startswith("mean") else 0.0
+            if not ((value >= least) & (value <= most)).all():
+                valid = f"numbers within {least:g} … {most:g}"
                 raise InvalidValueError(f.name, value.tolist(), valid)
 
     @property
     def acts(self) -> bool:
         """Whether there is any recirculation."""
-        return any(bool(np.any(each)) for each in (self.flow, self.turn, self.mean_flow, self.mean_turn))
+        parts = (self.flow_xy, self.flow_z, self.turn_xy, self.turn_z, self.mean_flow, self.mean_turn)
+        return any(bool(np.any(each)) for each in parts)

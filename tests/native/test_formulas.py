@@ -45,7 +45,9 @@ def test_the_air_does_what_the_references_does_in_any_pose_motion_wind_and_near_
             "zero_thrust_speed": rng.uniform(2.1, 3.2),
             "core_length": rng.uniform(3.25, 6.2),
             "stacking_loss": rng.uniform(0.0, 0.3) if k % 5 else 0.0,
-            "recirculation": RecirculationConfig(*rng.uniform(0.0, 0.05, (4, 3)), near=rng.uniform(0.0, 2.0)),
+            "recirculation": RecirculationConfig(
+                *rng.uniform(0.0, 0.05, 4), *rng.normal(0.0, 0.02, (2, 3)), near=rng.uniform(0.0, 2.0)
+            ),
             "eddy": rng.normal(0.0, 1.0, 6) if k % 4 else None,
         }
         own, other = evaluate(data, *world, **config), evaluate_reference(data, *world, **config)

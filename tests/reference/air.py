@@ -232,7 +232,8 @@ class Aero:
         """Velocity U + Ω × p of the recirculating air [m/s] at points p from the CoG, over a floor without boxes."""
         c = self._recirculation
         scale = speed * (1.0 + c.near * math.exp(-max(float(self._origin[2]), 0.0) / NEAR_LENGTH))
-        U, turn = c.mean_flow + c.flow * eddy[:3], c.mean_turn + c.turn * eddy[3:]
+        U = c.mean_flow + np.array([c.flow_xy, c.flow_xy, c.flow_z]) * eddy[:3]
+        turn = c.mean_turn + np.array([c.turn_xy, c.turn_xy, c.turn_z]) * eddy[3:]
         return scale * (U + np.cross(turn, points))
 
     def _add_wake(

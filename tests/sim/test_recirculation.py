@@ -120,9 +120,16 @@ def test_recirculation_needs_a_generator_and_is_the_same_for_the_same_seed():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("flow", -0.1), ("flow", 2.0), ("turn", math.nan), ("mean_turn", -2.0), ("near", -1.0), ("flow_seconds", 0.0)],
+    [
+        ("flow_xy", -0.1),
+        ("flow_z", 2.0),
+        ("turn_z", math.nan),
+        ("mean_turn", -2.0),
+        ("near", -1.0),
+        ("flow_seconds", 0.0),
+    ],
 )
 def test_bad_parameters_are_refused_with_the_valid_ones(name, value):
-    given = value if name in ("near", "flow_seconds") else np.full(3, value)
+    given = np.full(3, value) if name.startswith("mean") else value
     with pytest.raises(InvalidValueError, match=name):
         RecirculationConfig(**{name: given})

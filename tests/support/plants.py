@@ -19,7 +19,7 @@ VACUUM = AeroConfig(wake=False)
 ASKEW = matrix_to_quat(exp(np.array([0.2, -0.1, 0.3])))
 NOISE = ActuatorConfig(thrust_noise=0.3)
 EDDY = RecirculationConfig(
-    flow=np.array([0.02, 0.02, 0.05]), turn=np.array([0.04, 0.04, 0.01]), mean_flow=np.array([0.01, -0.01, 0.02]),
+    flow_xy=0.02, flow_z=0.05, turn_xy=0.04, turn_z=0.01, mean_flow=np.array([0.01, -0.01, 0.02]),
     mean_turn=np.array([0.0, 0.02, 0.01]), near=1.5,
 )  # fmt: skip
 """Recirculation of all kinds."""

@@ -145,8 +145,8 @@ static void add_eddy(station *all, const sp_world *world, const sp_sim *sim, con
         scale *= 1.0 + c->near * exp(-d / SP_NEAR_LENGTH);
     }
     for (int i = 0; i < 3; i++) {
-        U[i] = scale * (c->mean_flow[i] + c->flow[i] * eddy[i]);
-        turn[i] = scale * (c->mean_turn[i] + c->turn[i] * eddy[3 + i]);
+        U[i] = scale * (c->mean_flow[i] + (i < 2 ? c->flow_xy : c->flow_z) * eddy[i]);
+        turn[i] = scale * (c->mean_turn[i] + (i < 2 ? c->turn_xy : c->turn_z) * eddy[3 + i]);
     }
     for (int k = 0; k < SP_STATIONS; k++) {
         sp_cross(turn, all[k].p, swirl);

@@ -39,9 +39,8 @@ void sp_advance_weather(const sp_disturbances *d, double time, double dt, sp_gen
 /* Whether there is any recirculation. */
 int sp_recirculates(const sp_recirculation_config *c)
 {
-    int any = 0;
-    for (int i = 0; i < 3; i++)
-        any |= c->flow[i] != 0.0 || c->turn[i] != 0.0 || c->mean_flow[i] != 0.0 || c->mean_turn[i] != 0.0;
+    int any = c->flow_xy != 0.0 || c->flow_z != 0.0 || c->turn_xy != 0.0 || c->turn_z != 0.0;
+    for (int i = 0; i < 3; i++) any |= c->mean_flow[i] != 0.0 || c->mean_turn[i] != 0.0;
     return any;
 }
 

@@ -169,8 +169,10 @@ typedef struct {
 
 /* Parameters of the recirculating wake; off by default. */
 typedef struct {
-    double flow[3]; /* Standard deviation of U over w, world axes [1]. */
-    double turn[3]; /* Standard deviation of Ω over w, world axes [1/m]. */
+    double flow_xy; /* Standard deviation of U over w along x and along y, world axes [1]. */
+    double flow_z; /* Standard deviation of U over w along z [1]. */
+    double turn_xy; /* Standard deviation of Ω over w about x and about y, world axes [1/m]. */
+    double turn_z; /* Standard deviation of Ω over w about z [1/m]. */
     double mean_flow[3]; /* Mean of U over w, world axes [1]. */
     double mean_turn[3]; /* Mean of Ω over w, world axes [1/m]. */
     double flow_seconds; /* Correlation time of U [s]. */
