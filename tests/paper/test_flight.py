@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from spidar_gym.errors import SpidarError, UnknownNameError
+from spidar_gym.paper import flight as experiment
 from spidar_gym.paper.flight import PAPER_FLIGHT, FlightLog, flight_figures, flight_lines, fly_paper, recovery, sink
 from spidar_gym.robot import ROBOT
+from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.text import format_table
 
@@ -273,6 +276,18 @@ def test_a_quasi_static_velocity_makes_z_deviate_while_the_legs_move_as_in_the_p
     for axis in (0, 1):
         assert figures["rmse_position_m"][axis] == pytest.approx(whole["rmse_position_m"][axis], abs=1e-5)
     assert figures["rmse_attitude_rad"] == pytest.approx(whole["rmse_attitude_rad"], abs=1e-5)
+
+
+@pytest.mark.slow
+def test_soft_joints_do_not_cause_the_deviation_in_z(flown, monkeypatch):
+    """With servos of 40 Nm/rad instead of 175 the legs bend more; the guide states both RMSE in z."""
+    assert ROBOT.joint_kp == 175.0
+    soft = PlantConfig(actuators=ActuatorConfig(joint_kp=40.0))
+    monkeypatch.setattr(experiment, "noisy_robot", lambda _: soft)
+    figures, stiff = flight_figures(fly_paper(noise=True)), flight_figures(flown)
+    errors = [1e3 * each["rmse_position_m"][2] for each in (figures, stiff)]
+    np.testing.assert_allclose(errors, [1.8, 2.0], rtol=0, atol=0.05)
+    assert figures["deviation_z_m"] < 0.010
 
 
 @pytest.mark.slow
