@@ -33,7 +33,7 @@ class Args:
     """Compare simple rules in each channel of the action with the base controller."""
 
     base: tyro.conf.Positional[str]
-    """Controller: paper, as_flown, tuned; published, overlapped, robust, robust_overlapped."""
+    """Controller: paper, as_flown, as_flown_quasi, tuned; published, overlapped, robust, robust_overlapped."""
     scenarios: int = 6
     """Number of validation scenarios of each track."""
     control: str = CONTROL

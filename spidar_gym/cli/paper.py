@@ -78,7 +78,8 @@ def flight(
 
     Args:
         preset: as_flown is the controller of the real flight, paper has the paper's cost and constraints.
-            tuned and retuned extend it.
+            as_flown_quasi computes the CoG's velocity without the joints, as the lab's estimator does.
+            tuned and retuned extend paper.
         out: Folder for flight.json, flight.png and flight.mp4; with --speeds, for speeds.json and speeds.png.
         speeds: Instead, compare preset tuned with paper in random asymmetric forms at joint speeds 0.2 … 1.0 rad/s.
         ablation: Instead, compare them at 0.2, 0.6 and 1.0 rad/s, also with each option of tuned switched off.

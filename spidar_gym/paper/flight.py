@@ -27,6 +27,8 @@ FORM1_WINDOW = (2.0, 4.0)
 """Window of the hover in form ① [s]."""
 FORM_CHANGE = (4.0, 11.9)
 """Window in which the legs move from form ① through ② to ③ [s]."""
+DEVIATION_WINDOW = (4.0, 12.0)
+"""Window in which the paper reports a large deviation in z [s] [Zhao2025, Sec. Flight]."""
 FORM3_WINDOW = (14.0, 27.0)
 """Window of the hover in form ③ [s]."""
 UNRESTRICTED = ((28.5, 30.0), (35.0, 36.5))
@@ -185,6 +187,7 @@ def flight_figures(log: FlightLog) -> dict[str, Any]:
     return {
         "preset": log.preset,
         "rmse_position_m": _rms(log.window(log.position_error, RMSE_WINDOW)),
+        "deviation_z_m": float(np.abs(log.window(log.position_error, DEVIATION_WINDOW)[:, 2]).max()),
         "rmse_attitude_rad": _rms(log.window(log.attitude_error, RMSE_WINDOW)),
         "theta_form3_rad": form3_vectoring[list(UPPER_ROTORS), 1].tolist(),
         "phi_form3_rad": form3_vectoring[list(UPPER_ROTORS), 0].tolist(),
@@ -240,6 +243,7 @@ def flight_lines(figures: dict[str, Any]) -> list[list[str]]:
     return [
         row(flown, "simulated", "paper"),
         rmse("RMSE position x y z, 0–27 s [m]", "rmse_position_m"),
+        row("largest error in z, 4–12 s [m]", f"{figures['deviation_z_m']:.4f}", "“large deviation”"),
         rmse("RMSE attitude x y z, 0–27 s [rad]", "rmse_attitude_rad"),
         row("θ of rotors 1 3 5 7, form ③ [rad]", numbers(figures["theta_form3_rad"], 3), "about −0.4 each"),
         row("φ of rotors 1 3 5 7, form ③ [rad]", numbers(figures["phi_form3_rad"], 3), "0, fixed"),

@@ -32,6 +32,8 @@ def test_the_paper_flies_the_default_gains_without_compensation():
     assert controller_config("paper").centroidal == CentroidalConfig()
     assert controller_config("as_flown") == ControllerConfig(allocation="as_flown")
     assert controller_config("as_flown").compensation == CompensationConfig()
+    assert controller_config("as_flown_quasi") == replace(controller_config("as_flown"), quasi_static=True)
+    assert [name for name, config in PRESETS.items() if config.quasi_static] == ["as_flown_quasi"]
 
 
 def test_tuned_changes_gains_and_compensation_and_nothing_else_of_the_paper():
@@ -67,7 +69,7 @@ def test_former_presets_are_accepted_by_name_and_not_listed():
 
 
 def test_an_unknown_preset_is_refused_with_the_valid_ones():
-    with pytest.raises(UnknownNameError, match="unknown preset 'papr'; valid: paper, as_flown, tuned"):
+    with pytest.raises(UnknownNameError, match="unknown preset 'papr'; valid: paper, as_flown, as_flown_quasi, tuned"):
         controller_config("papr")
 
 

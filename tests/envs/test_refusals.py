@@ -28,7 +28,7 @@ from spidar_gym.tasks.hover import HoverTask
     [
         ({"forms": "form4"}, UnknownNameError, "paper, form1"),
         ({"action_mode": "torque"}, UnknownNameError, "residual_wrench, residual_joint"),
-        ({"preset": "mine"}, UnknownNameError, "paper, as_flown, tuned"),
+        ({"preset": "mine"}, UnknownNameError, "paper, as_flown, as_flown_quasi, tuned"),
         ({"camera": "back"}, UnknownNameError, "chase, side"),
         ({"render_mode": "rgb"}, UnknownNameError, "human, rgb_array, depth_array"),
         ({"joint_sped": 0.2}, UnknownNameError, "forms, joint_speed"),

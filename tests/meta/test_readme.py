@@ -49,7 +49,7 @@ def result(name):
     return json.loads((ROOT / RESULTS / f"{name}.json").read_text(encoding="utf-8"))["result"]
 
 
-@pytest.mark.parametrize("name", ["flight", "flight_noise", "crawl_noise"])
+@pytest.mark.parametrize("name", ["flight", "flight_noise", "flight_quasi", "crawl_noise"])
 def test_times_on_this_machine_are_not_compared_with_those_on_another(name):
     (row,) = [line for line in markdown_table(ROOT, name).splitlines() if line.startswith("| QP time ")]
     assert re.fullmatch(r"\| QP time here, median / p99 / max \[µs\] \| [\d /]+ \| – \|", row)
@@ -75,10 +75,13 @@ def untimed(lines):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("noise", [False, True])
-def test_the_committed_flights_are_what_the_flights_give(noise):
-    flown = flight_lines(flight_figures(fly_paper("as_flown", noise=noise)))
-    assert untimed(flown) == untimed(flight_lines(result("flight_noise" if noise else "flight")["flight"]))
+@pytest.mark.parametrize(
+    ("name", "preset", "noise"),
+    [("flight", "as_flown", False), ("flight_noise", "as_flown", True), ("flight_quasi", "as_flown_quasi", False)],
+)
+def test_the_committed_flights_are_what_the_flights_give(name, preset, noise):
+    flown = flight_lines(flight_figures(fly_paper(preset, noise=noise)))
+    assert untimed(flown) == untimed(flight_lines(result(name)["flight"]))
 
 
 @pytest.mark.slow

@@ -23,6 +23,7 @@ from spidar_gym.errors import InvalidValueError, MissingDependencyError, StaleAs
 from spidar_gym.model.dynamics import Model, Snapshot
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.core_flight import CoreFlightController
+from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.library import Struct, load_core, pointer
 from spidar_gym.native.recipe import seal
 from spidar_gym.native.robot import robot
@@ -123,6 +124,9 @@ ALL = replace(RETUNED, compensation=replace(RETUNED.compensation, observer_beyon
 FLIGHTS = {
     "paper": {"preset": "paper", "forms": "paper"},
     "as flown, stacked": {"preset": "as_flown", "forms": "narrow"},
+    "quasi-static": {"preset": "as_flown_quasi", "forms": "independent", "joint_speed": 1.0},
+    "quasi-static, sensors": {"preset": "as_flown_quasi", "forms": "paper", "sensors": True, "randomization": 1.0},
+    "quasi-static, every compensation": {"controller": replace(ALL, quasi_static=True), "forms": "independent"},
     "tuned, fast": {"preset": "tuned", "forms": "independent", "joint_speed": 1.0},
     "every compensation": {"controller": ALL, "forms": "independent", "joint_speed": 1.0},
     "unrestricted": {"preset": "paper", "forms": "form3", "avoid_interference": False},
@@ -132,6 +136,7 @@ FLIGHTS = {
     "a lost rotor": {"forms": "form3", "disturbances": {"lost_rotor": 2, "fault_time": 0.5}},
     "a stuck rotor": {"forms": "form2", "disturbances": {"lost_rotor": 3, "fault": "vectoring", "fault_time": 0.5}},
 }
+QUASI = {"forms": "independent", "joint_speed": 1.0, "preset": "as_flown_quasi"}
 CRAWLS = {
     "published": {"preset": "published"},
     "overlapped": {"preset": "overlapped", "turn": 0.3},
@@ -171,6 +176,30 @@ def test_a_flight_is_that_of_the_python_controller(options):
     assert worst["joints"] < 1e-9
     assert worst["observation"] < 1e-5
     assert worst["reward"] < 1e-9
+
+
+@pytest.mark.parametrize("control", ["python", "core"])
+def test_a_quasi_static_controller_acts_on_other_errors_than_those_that_are_observed_and_rewarded(control):
+    quasi, whole = (make(control=control, **{**QUASI, "preset": name}) for name in ("as_flown_quasi", "as_flown"))
+    for env in (quasi, whole):
+        env.reset(seed=3)
+    apart, thrusts = 0.0, 0.0
+    for _ in range(40):
+        before = quasi.truth.error.velocity_w.copy()
+        seen = quasi.step(np.zeros(6))[0]
+        whole.step(np.zeros(6))
+        used = quasi.controller.last_step.control_state.error.velocity_w
+        turned = quasi.truth.R_wb.T @ quasi.truth.error.velocity_w
+        np.testing.assert_allclose(seen[3:6], turned, rtol=0, atol=1e-6)
+        apart = max(apart, float(np.abs(used - before).max()))
+        thrusts = max(thrusts, float(np.abs(quasi.command.thrust - whole.command.thrust).max()))
+    assert apart > 1e-3
+    assert thrusts > 1e-2
+
+
+def test_the_flag_fills_padding_so_that_logs_and_missions_keep_their_layout():
+    fields = core_layouts()["controller_config"].fields
+    assert [fields[name][1] for name in ("allocation", "quasi_static", "joint_speed")] == [0, 4, 8]
 
 
 @pytest.mark.slow

@@ -466,8 +466,8 @@ def test_of_gates_the_runner_refuses_what_a_course_does(library):
 UP = FRONT + "take_off 1\n"
 WALL = "gate wall 2.3 2.5 0.5\n"
 BAD = {
-    "course tuned": "line 1; valid: course, one of paper, as_flown, tuned",
-    "course robust tuned": "course, one of paper, as_flown, tuned",
+    "course tuned": "line 1; valid: course, one of paper, as_flown, as_flown_quasi, tuned",
+    "course robust tuned": "course, one of paper, as_flown, as_flown_quasi, tuned",
     "flight tuned\ntake_off 1": "crawl_to, take_off, fly_to, land for a course",
     "crawl robust\nland": "line 2; valid: crawl_to, take_off, fly_to, land for a course",
     FRONT + "move 0.1 0 0 0": "move for a crawl",

@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 
 from spidar_gym.errors import SpidarError, UnknownNameError
+from spidar_gym.paper import flight as experiment
 from spidar_gym.paper.flight import PAPER_FLIGHT, FlightLog, flight_figures, flight_lines, fly_paper, recovery, sink
 from spidar_gym.robot import ROBOT
+from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.text import format_table
 
 KEYS = {
-    "preset", "rmse_position_m", "rmse_attitude_rad", "theta_form3_rad", "phi_form3_rad", "tau2_form3_nm",
-    "thrust_form1_n", "thrust_form3_n", "qp", "noise", "sink_m", "sink_half_second_m", "recovery_s",
+    "preset", "rmse_position_m", "deviation_z_m", "rmse_attitude_rad", "theta_form3_rad", "phi_form3_rad",
+    "tau2_form3_nm", "thrust_form1_n", "thrust_form3_n", "qp", "noise", "sink_m", "sink_half_second_m", "recovery_s",
     "wake_loss_constrained", "endurance_min",
 }  # fmt: skip
 QP_KEYS = {"median_us", "p99_us", "max_us", "unsolved"}
@@ -40,6 +43,14 @@ def test_rmse_is_per_axis_and_over_the_first_27_seconds_only():
     figures = flight_figures(log_of(position_error=error, attitude_error=lambda t: 0.1 * error(t)))
     np.testing.assert_allclose(figures["rmse_position_m"], [1.0, 2.0, 3.0], rtol=1e-12)
     np.testing.assert_allclose(figures["rmse_attitude_rad"], [0.1, 0.2, 0.3], rtol=1e-12)
+
+
+def test_the_deviation_in_z_is_the_largest_error_up_or_down_from_4_to_12_seconds():
+    def error(t):
+        z = np.select([t < 4.0, t == 4.0, t == 12.0, t > 12.0], [9.0, 0.5, -0.7, 9.0], 0.1)
+        return np.stack([np.full(40, 3.0), np.full(40, -3.0), z], axis=1)
+
+    assert flight_figures(log_of(position_error=error))["deviation_z_m"] == pytest.approx(0.7)
 
 
 def test_form_3_is_averaged_over_14_to_27_seconds_and_form_1_over_2_to_4():
@@ -215,7 +226,7 @@ def test_the_figures_of_a_flight_that_never_recovers_are_still_json():
 
 
 def test_an_unknown_preset_is_refused():
-    with pytest.raises(UnknownNameError, match="paper, as_flown, tuned"):
+    with pytest.raises(UnknownNameError, match="paper, as_flown, as_flown_quasi, tuned"):
         fly_paper("mine")
 
 
@@ -254,6 +265,29 @@ def test_the_flight_as_flown_meets_the_papers_figures(flown):
     more = sum(figures["thrust_form3_n"]) / sum(figures["thrust_form1_n"]) - 1.0
     assert 0.02 <= more <= 0.06
     assert figures["qp"]["unsolved"] == 0
+
+
+@pytest.mark.slow
+def test_a_quasi_static_velocity_makes_z_deviate_while_the_legs_move_as_in_the_paper(flown):
+    figures, whole = flight_figures(fly_paper("as_flown_quasi")), flight_figures(flown)
+    assert 0.040 < figures["deviation_z_m"] < 0.075
+    assert whole["deviation_z_m"] < 0.015
+    assert figures["rmse_position_m"][2] > 5.0 * whole["rmse_position_m"][2]
+    for axis in (0, 1):
+        assert figures["rmse_position_m"][axis] == pytest.approx(whole["rmse_position_m"][axis], abs=1e-5)
+    assert figures["rmse_attitude_rad"] == pytest.approx(whole["rmse_attitude_rad"], abs=1e-5)
+
+
+@pytest.mark.slow
+def test_soft_joints_do_not_cause_the_deviation_in_z(flown, monkeypatch):
+    """With servos of 40 Nm/rad instead of 175 the legs bend more; the guide states both RMSE in z."""
+    assert ROBOT.joint_kp == 175.0
+    soft = PlantConfig(actuators=ActuatorConfig(joint_kp=40.0))
+    monkeypatch.setattr(experiment, "noisy_robot", lambda _: soft)
+    figures, stiff = flight_figures(fly_paper(noise=True)), flight_figures(flown)
+    errors = [1e3 * each["rmse_position_m"][2] for each in (figures, stiff)]
+    np.testing.assert_allclose(errors, [1.8, 2.0], rtol=0, atol=0.05)
+    assert figures["deviation_z_m"] < 0.010
 
 
 @pytest.mark.slow

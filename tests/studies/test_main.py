@@ -31,7 +31,7 @@ def test_every_study_has_help(name, capfd):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["lost", "--preset", "mine"], "paper, as_flown, tuned, retuned"),
+        (["lost", "--preset", "mine"], "paper, as_flown, as_flown_quasi, tuned, retuned"),
         *((["ablations", "--scenarios", v], "1 … 50") for v in ("0", "51")),
         (["ablations", "--workers", "0"], "at least 1"),
         *((["steps", f"--{name}", "0"], "at least 1") for name in ("seeds", "workers")),

@@ -91,4 +91,4 @@ def test_an_unknown_controller_is_refused_in_one_line():
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert "paper, as_flown, tuned" in line
+    assert "paper, as_flown, as_flown_quasi, tuned" in line

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -187,6 +187,12 @@ def motion_error(state: RobotState, reference: Reference, snapshot: Snapshot, R_
         attitude=vee(R_error),
         omega_b=R_error @ reference.omega_b - state.omega_b,
     )
+
+
+def quasi_static_error(error: MotionError, state: RobotState, snapshot: Snapshot, R_wb: np.ndarray) -> MotionError:
+    """Remove the share of the moving joints from ė_r: the CoG then moves as if fixed to the torso [JSK]."""
+    share = (snapshot.momentum_map[:3] @ state.joint_velocity) / snapshot.mass
+    return replace(error, velocity_w=error.velocity_w + R_wb @ share)
 
 
 def _offset(desired: np.ndarray, actual: np.ndarray, rows: list[list[float]], shift: Sequence[float]) -> np.ndarray:

@@ -236,7 +236,8 @@ def observe_wrench(
         memory: State after the last tick.
         R_wb: Attitude of the torso.
         omega_b: Angular velocity, or with `observer_beyond` its excess over the reference, torso axes [rad/s].
-        velocity_w: Velocity of the CoG, or with `observer_beyond` its excess over the reference, world [m/s].
+        velocity_w: Velocity of the CoG, or with `observer_beyond` its excess over the reference, world [m/s]; with
+            `ControllerConfig.quasi_static` without the share of the joints, whose momentum then appears as a force.
         allocated: Wrench of the last tick's allocation, {CoG} [N, Nm].
         config: Time constants.
         dt: Length of the tick [s].

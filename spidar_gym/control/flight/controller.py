@@ -16,6 +16,7 @@ from spidar_gym.control.flight.centroidal import (
     desired_wrench,
     integrate,
     motion_error,
+    quasi_static_error,
     warm_start_integrals,
 )
 from spidar_gym.control.flight.compensation import (
@@ -70,6 +71,9 @@ class ControllerConfig:
 
     allocation: str = "paper"
     """Name of the allocation's blocks, see `spidar_gym.control.allocation.modes.ALLOCATIONS`."""
+    # In C the flag fills the padding after `allocation`: size and offsets of logs and missions stay.
+    quasi_static: bool = False
+    """Whether the controller computes the velocity of {CoG} without the share of the moving joints [JSK]."""
     joint_speed: float = ROBOT.joint_speed
     """Speed of the planned joint motion [rad/s]; the servos have the same limit."""
     joint_torque_limit: float = ROBOT.max_joint_torque
@@ -88,7 +92,9 @@ class ControllerConfig:
     """Thresholds and rates of the φ lock."""
 
     def __post_init__(self) -> None:
-        """Raise `InvalidValueError` for speeds and limits that are not positive."""
+        """Raise `InvalidValueError` for speeds and limits that are not positive, and for a flag that is no `bool`."""
+        if type(self.quasi_static) is not bool:
+            raise InvalidValueError("quasi_static", self.quasi_static, "True or False")
         for name in ("joint_speed", "joint_torque_limit", "rate_hz"):
             value = getattr(self, name)
             if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
@@ -176,7 +182,10 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         )
 
     def compute_state(self, state: RobotState, reference: Reference) -> ControlState:
-        """Compute model quantities and errors of a state. Pure, except for the model's workspace."""
+        """Compute model quantities and errors of a state. Pure, except for the model's workspace.
+
+        The errors are those of the complete velocity, also with `quasi_static`: environments and policies read them.
+        """
         R_wb = quat_to_matrix(state.quat_wb)
         snapshot = self.model.snapshot(state.joint_position, R_wb, state.vectoring)
         return ControlState(R_wb, snapshot, motion_error(state, reference, snapshot, R_wb))
@@ -206,6 +215,9 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             residual = NO_RESIDUAL
         memory, options = self.memory, self.config.compensation
         control_state = control_state or self.compute_state(state, reference)
+        if self.config.quasi_static:
+            error = quasi_static_error(control_state.error, state, control_state.snapshot, control_state.R_wb)
+            control_state = replace(control_state, error=error)
         R_wb, snapshot = control_state.R_wb, control_state.snapshot
         joints, speed = self.compute_joints(reference.joint_target + residual.joint_offset, residual.joint_speed_scale)
         wrench, integrals, compensation = self.compute_wrench(state, reference, control_state, joints)
@@ -243,7 +255,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         Args:
             state: State of the robot.
             reference: Desired motion.
-            control_state: Model quantities and errors.
+            control_state: Model quantities and errors; with `quasi_static` without the joints' share of the velocity.
             joints: The new q^d [rad].
         """
         memory, gains, error = self.memory, self.config.centroidal, control_state.error

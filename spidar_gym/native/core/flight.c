@@ -71,6 +71,17 @@ static void motion_error(const sp_robot_state *state, const sp_reference *refere
     for (int i = 0; i < 3; i++) e->omega_b[i] -= state->omega_b[i];
 }
 
+/* Remove the share of the moving joints from the velocity error: the CoG then moves as if fixed to the torso. */
+static void remove_joints(const sp_robot_state *state, sp_control_state *control)
+{
+    const sp_snapshot *s = &control->snapshot;
+    double share[3], turned[3];
+    for (int i = 0; i < 3; i++)
+        share[i] = sp_row(s->momentum_map + SP_JOINTS * i, state->joint_velocity, SP_JOINTS) / s->mass;
+    sp_apply(control->R_wb, share, turned);
+    for (int i = 0; i < 3; i++) control->error.velocity_w[i] += turned[i];
+}
+
 /* ---- joint motion ---- */
 
 /* Compute the next joint command on the straight line to the target, and its rate. */
@@ -262,6 +273,7 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     residual = sp_usable_residual(residual);
     if (control == NULL) sp_compute_state(robot, state, reference, &f->control);
     else f->control = *control;
+    if (f->config.quasi_static) remove_joints(state, &f->control);
     double target[SP_JOINTS], joints[SP_JOINTS], speed[SP_JOINTS], led[SP_FORCES];
     const double *forces, lead = f->config.compensation.vectoring_lead;
     sp_lock lock;

@@ -187,6 +187,7 @@ typedef struct {
 /* Configuration of the flight controller. */
 typedef struct {
     int32_t allocation; /* Name of the allocation's blocks, see `spidar_gym.control.allocation.modes.ALLOCATIONS`. */
+    int32_t quasi_static; /* Whether the controller computes the velocity of {CoG} without the share of the moving joints [JSK]. */
     double joint_speed; /* Speed of the planned joint motion [rad/s]; the servos have the same limit. */
     double joint_torque_limit; /* Torque that each joint servo may use [Nm]. */
     double rate_hz; /* Control rate [Hz]. */

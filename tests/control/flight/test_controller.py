@@ -2,6 +2,7 @@
 
 from dataclasses import fields, replace
 
+import jaxtyping
 import numpy as np
 import pytest
 from support.parts import segments
@@ -10,7 +11,7 @@ from support.states import model, random_joints, random_pose, resting, staying, 
 from spidar_gym.control.allocation.allocator import AllocationStatus, AllocatorConfig
 from spidar_gym.control.flight.centroidal import CentroidalConfig, Integrals, MotionError, integrate
 from spidar_gym.control.flight.controller import ControllerConfig, FlightController, motion_error
-from spidar_gym.control.presets import PRESETS, controller_config
+from spidar_gym.control.presets import PRESETS, TUNED, controller_config
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.so3 import exp, matrix_to_quat, quat_to_matrix
@@ -252,6 +253,13 @@ def test_speeds_and_limits_that_are_not_positive_are_refused_with_what_was_expec
         ControllerConfig(**{name: value})
 
 
+@pytest.mark.parametrize("value", [1, 0, None, "yes", np.True_])
+def test_a_flag_that_is_no_bool_is_refused(value, monkeypatch):
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # users have no type checker
+    with pytest.raises(InvalidValueError, match=r"quasi_static.*expected True or False"):
+        ControllerConfig(quasi_static=value)
+
+
 def test_unknown_names_are_refused_with_the_valid_ones():
     with pytest.raises(UnknownNameError, match=r"as flown.*paper, as_flown"):
         FlightController(ControllerConfig(allocation="as flown"), model())
@@ -283,6 +291,55 @@ def test_velocity_error_is_the_rate_of_the_position_error_along_a_trajectory_wit
         after, before = (error_at(moving(t, *motion), reference).position_w for t in (h, -h))
         velocity = error_at(moving(0.0, *motion), reference).velocity_w
         np.testing.assert_allclose((after - before) / (2 * h), velocity, atol=1e-7)
+
+
+def test_a_quasi_static_controller_uses_the_velocity_error_of_a_robot_whose_joints_rest():
+    rng = np.random.default_rng(17)
+    for preset in ("paper", "retuned"):
+        config = replace(controller_config(preset), quasi_static=True)
+        for _ in range(5):
+            q, R_wb = random_pose(rng)
+            state = resting(q, R_wb, omega_b=rng.normal(size=3), joint_velocity=rng.normal(size=16))
+            controller, reference = FlightController(config, model()), staying(state)
+            controller.reset(state)
+            controller.step(state, reference)
+            used, whole = controller.last_step.control_state.error, error_at(state, reference)
+            rigid = error_at(replace(state, joint_velocity=np.zeros(16)), reference)
+            np.testing.assert_allclose(used.velocity_w, rigid.velocity_w, rtol=0, atol=1e-14)
+            assert np.abs(used.velocity_w - whole.velocity_w).max() > 1e-3
+            for name in ("position_w", "attitude", "omega_b"):
+                np.testing.assert_array_equal(getattr(used, name), getattr(whole, name))
+            np.testing.assert_array_equal(controller.compute_state(state, reference).error.velocity_w, whole.velocity_w)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_while_the_joints_rest_a_quasi_static_controller_computes_the_same_bits(preset):
+    rng, config = np.random.default_rng(18), controller_config(preset)
+    states = [replace(shaken(rng, HOVER), joint_velocity=np.zeros(16)) for _ in range(10)]
+    answers = []
+    for quasi_static in (False, True):
+        controller = FlightController(replace(config, quasi_static=quasi_static), model())
+        controller.reset(HOVER)
+        answers.append(commands(controller, states, staying(HOVER)))
+    assert all(same(a, b) for a, b in zip(*answers, strict=True))
+
+
+def test_an_observer_of_a_quasi_static_controller_sees_the_legs_momentum_as_a_force():
+    rates = np.zeros((2, 16))
+    rates[1, 1::4] = 0.5  # the inner pitch of every leg begins to turn
+    forces, moved = [], 0.0
+    for quasi_static in (False, True):
+        controller = FlightController(replace(TUNED, quasi_static=quasi_static), model())
+        controller.reset(HOVER)
+        for k in (0, 0, 1):
+            state = replace(HOVER, joint_velocity=rates[k])
+            controller.step(state, staying(HOVER))
+        forces.append(controller.memory.compensation.external_w[2])
+        snapshot = controller.last_step.control_state.snapshot
+        moved = (snapshot.momentum_map[2] @ rates[1]) * 40.0
+    share = 1.0 - np.exp(-1.0 / 40.0 / TUNED.compensation.observer_time)
+    assert forces[0] - forces[1] == pytest.approx(share * moved, rel=1e-9)
+    assert abs(moved) > 1.0
 
 
 def test_position_error_is_that_of_the_centre_of_gravity_not_of_the_torso():
