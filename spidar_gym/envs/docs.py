@@ -2,7 +2,7 @@
 
 import dataclasses
 import inspect
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,7 +24,7 @@ from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
 from spidar_gym.robot import field_docs, source_doc
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.randomize import TABLE
+from spidar_gym.sim.randomize import OPTIONAL_ROWS, TABLE, Row
 from spidar_gym.sim.violations import AT_LIMIT, BLOWN_FACTOR
 from spidar_gym.tasks import course as course_task
 from spidar_gym.tasks import crawl as crawl_task
@@ -307,14 +307,22 @@ def page(name: str) -> str:
         "### Randomisation",
         "At strength 1. At strength s, a sample x becomes x₀ + s (x − x₀) with the value x₀ that changes nothing. The\n"
         + own.trim,
-        markdown_rows(
-            "field of `PlantConfig` | operation | distribution | unit | source",
-            ((f"`{r.field}`", r.operation, r.distribution, r.unit, r.source) for r in TABLE),
-        ),
+        _randomised("distribution", TABLE),
+        "### Optional randomisation",
+        "Sampled only with a range in `randomization`, after the parameters above; a strength does not randomise them.",
+        _randomised("suggestion", OPTIONAL_ROWS),
         "## Version History",
         "- v0: first version.",
     ]
     return "\n\n".join(blocks) + "\n"
+
+
+def _randomised(title: str, rows: Iterable[Row]) -> str:
+    """Return a table of parameters that are randomised."""
+    return markdown_rows(
+        f"field of `PlantConfig` | operation | {title} | unit | source",
+        ((f"`{r.field}`", r.operation, r.distribution, r.unit, r.source) for r in rows),
+    )
 
 
 def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
@@ -340,9 +348,9 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "robot": "custom robot of controller and simulator: a `RobotSpec`, its numbers by name, or a TOML file",
         "plant": "custom `PlantConfig`, the simulated robot, to which the arguments below are applied",
         "wake": "air: jets between the rotors, drag, ground effect",
-        "battery": "the largest thrust falls with the voltage of a battery that is full at reset",
+        "battery": "the largest thrust falls with the voltage of the battery, which is full at reset by default",
         "sensors": "the controller receives an estimate from motion capture, inertial unit and encoders",
-        "randomization": "strength of the domain randomisation, 0 … 1; or ranges by field of the table below, "
+        "randomization": "strength of the domain randomisation, 0 … 1; or ranges by field of the tables below, "
         '`{"body.total_mass": (15.5, 17.0)}`, with `strength` for all others (0 by default); or a TOML file of these',
         "observation": "one of " + ", ".join(f"`{n}`" for n in OBSERVATIONS),
         "goal_reward": "one of " + ", ".join(f"`{n}`" for n in REWARDS) + ", with the observation `goal`",

@@ -7,6 +7,7 @@ import numpy as np
 from spidar_gym.control.estimator import EstimatorConfig
 from spidar_gym.envs.actions import ActionMode, authorities
 from spidar_gym.native.constants import CHANNELS
+from spidar_gym.native.engine_binding import check_delay
 from spidar_gym.native.engine_structs import AUTORESETS, engine_layouts
 from spidar_gym.native.structs import fill
 from spidar_gym.robot import RobotSpec
@@ -44,12 +45,16 @@ def common(
         horizon: Steps of an episode.
         truncates: Whether an episode is truncated at the horizon.
         autoreset: One of `AUTORESETS`.
+
+    Raises:
+        InvalidValueError: For ranges of delays that are too long.
     """
     fill(record["plant"], plant)
     fill(record["estimator"], EstimatorConfig())
     record["mode"] = action_mode(mode, plant.robot)
     record["size"], record["bound"][: len(bound)] = len(bound), bound
     strength, table = randomization.table(plant)
+    check_delay(plant, {row.field: row.high for row in table} if strength > 0.0 else {})
     record["strength"], record["horizon"], record["truncates"] = strength, horizon, truncates
     record["autoreset"], record["draws"] = AUTORESETS.index(autoreset), len(table)
     layout = engine_layouts()["plant_config"]

@@ -223,6 +223,16 @@ class SpidarEnv(
         return self._randomization.draws
 
     @property
+    def randomization(self) -> Randomization:
+        """Randomisation of the robots."""
+        return self._randomization
+
+    def _drawn(self, fleet: Fleet, robot: int) -> dict[str, np.ndarray]:
+        """Return the sampled parameters of a robot of a fleet of this environment."""
+        numbers = fleet.robots[robot]["episode"]["drawn"]
+        return drawn(numbers, self._randomization.rows) if self.is_drawn else {}
+
+    @property
     def progress(self) -> ProgressT:
         """Progress of the episode (`SpidarError` before the first reset)."""
         return self._known("episode")
@@ -256,7 +266,7 @@ class SpidarEnv(
         take_back(self.np_random, fleet.robots[0]["episode"]["generator"])
         self.plant.reread()
         self._forget()
-        self.sampled_parameters = drawn(fleet.robots[0]["episode"]["drawn"]) if self.is_drawn else {}
+        self.sampled_parameters = self._drawn(fleet, 0)
         if self.render_mode == "human":
             self.render()
         return self._shown()
@@ -382,7 +392,7 @@ class SpidarEnv(
 
     def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
         """Return `info` of a robot of a fleet of this environment, with codes replaced by words."""
-        draws = drawn(fleet.robots[robot]["episode"]["drawn"]) if self.is_drawn else {}
+        draws = self._drawn(fleet, robot)
         words = words_of(self.failures, self.words)
         info = info_of(fleet.infos[robot : robot + 1], self.reward_terms, fleet.terms[robot], words)
         return info | {"randomization": draws}

@@ -9,13 +9,18 @@ import numpy as np
 
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.native.library import STATUS
-from spidar_gym.sim.randomize import TABLE
+from spidar_gym.sim.randomize import OPTIONAL_ROWS, TABLE, Randomization, Row
 
 
-def drawn(numbers: np.ndarray) -> dict[str, np.ndarray]:
-    """Split the robots' sampled parameters (…, numbers) by field of `PlantConfig`: arrays (…, shape of the field)."""
+def drawn(numbers: np.ndarray, rows: Iterable[Row] = TABLE) -> dict[str, np.ndarray]:
+    """Split the robots' sampled parameters (…, numbers) by field of `PlantConfig`: arrays (…, shape of the field).
+
+    Args:
+        numbers: Sampled parameters, in the order of the rows.
+        rows: Rows that were sampled.
+    """
     draws, at = dict[str, np.ndarray](), 0
-    for row in TABLE:
+    for row in rows:
         size = math.prod(row.shape)
         draws[row.field] = numbers[..., at : at + size].reshape((*numbers.shape[:-1], *row.shape)).copy()
         at += size
@@ -74,7 +79,7 @@ def _names(layout: np.dtype[Any]) -> tuple[str, ...]:
 
 
 def arrays_of(
-    fleet: Fleet, terms: Iterable[str], mask: np.ndarray, is_drawn: np.ndarray, *,
+    fleet: Fleet, terms: Iterable[str], mask: np.ndarray, draws: "Draws", *,
     ended: dict[str, np.ndarray] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Build `info` of all robots, with words as codes: new arrays (N, …), and a mask for every entry.
@@ -83,7 +88,7 @@ def arrays_of(
         fleet: The robots.
         terms: Names of the reward terms.
         mask: Robots for which it is valid (N,).
-        is_drawn: Which robots are randomised (N,).
+        draws: The robots' randomisation.
         ended: Sampled parameters of the last episodes, to build `info` of their ends after the next have begun.
     """
     final = ended is not None
@@ -92,14 +97,50 @@ def arrays_of(
     info["term"] = (fleet.final_terms if final else fleet.terms).copy()
     info.update(zip(titles("reward_", terms), info["term"].T.copy(), strict=True))
     masks = dict.fromkeys(titles("_", info), mask)
-    if draws := ended if final else draws_of(fleet, is_drawn):
-        info["randomization"], masks["_randomization"] = draws, mask & is_drawn
+    if found := ended if final else draws.of(fleet):
+        info["randomization"], masks["_randomization"] = found, mask & draws.mask
     return info | masks
 
 
-def draws_of(fleet: Fleet, is_drawn: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the sampled parameters of all robots by field of `PlantConfig` (N, …); empty without randomisation."""
-    return drawn(fleet.robots["episode"]["drawn"]) if is_drawn.any() else {}
+class Draws:
+    """Randomisation of the robots of a vector."""
+
+    def __init__(self, given: Sequence[Randomization]) -> None:
+        """Group robots by the rows that are sampled for them.
+
+        Args:
+            given: Randomisation of each robot.
+        """
+        self.mask = np.array([each.draws for each in given])
+        """Which robots are randomised (N,)."""
+        self._groups: dict[tuple[Row, ...], list[int]] = {}
+        for k, each in enumerate(given):
+            self._groups.setdefault(each.rows[len(TABLE) :], []).append(k)
+        self._rows = (*TABLE, *(row for row in OPTIONAL_ROWS if any(row in own for own in self._groups)))
+
+    def of(self, fleet: Fleet) -> dict[str, np.ndarray]:
+        """Return the sampled parameters of all robots by field of `PlantConfig` (N, …); empty without randomisation.
+
+        A parameter that is sampled for other robots only has the value without effect.
+        """
+        if not self.mask.any():
+            return {}
+        numbers = fleet.robots["episode"]["drawn"]
+        if len(self._groups) == 1:
+            return drawn(numbers, self._rows)
+        found = {row.field: _unsampled(row, fleet.robots["plant"]["config"]) for row in self._rows}
+        for own, ids in self._groups.items():
+            for field, values in drawn(numbers[ids], (*TABLE, *own)).items():
+                found[field][ids] = values
+        return found
+
+
+def _unsampled(row: Row, configs: np.ndarray) -> np.ndarray:
+    """Return the value without effect for all robots, given their configurations."""
+    part, name = row.field.split(".")
+    if row.operation == "set":
+        return configs[part][name].copy()
+    return np.full((len(configs), *row.shape), 1.0 if row.operation == "scale" else 0.0)
 
 
 def titles(prefix: str, names: Iterable[str]) -> tuple[str, ...]:

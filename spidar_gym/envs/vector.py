@@ -16,7 +16,7 @@ from spidar_gym.envs.course_env import CourseEnv
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover_env import HoverEnv
-from spidar_gym.envs.info import arrays_of, draws_of, info_of, words_of
+from spidar_gym.envs.info import Draws, arrays_of, info_of, words_of
 from spidar_gym.envs.locking import in_turn, whole
 from spidar_gym.envs.observations import Rewarding, Shown
 from spidar_gym.envs.options import require_vector_options
@@ -97,7 +97,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self._threads, self._how = num_threads, {"autoreset": "disabled", "truncates": ends}
         self.fleet = single.make_fleet(num_envs, num_threads, **self._how)
         """The robots in the engine."""
-        self._is_drawn = np.full(num_envs, single.is_drawn)
+        self._draws = Draws([single.randomization] * num_envs)
         self._everybody = np.ones(num_envs, bool)
         self.set_autoreset_mode(mode)
         self._began = False
@@ -232,7 +232,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         else:
             self.fleet = make_fleet(envs, self.fleet, self._threads, alike=alike, **self._how)
         self._envs, self.task = envs, envs[0].task
-        self._is_drawn = np.array([env.is_drawn for env in envs])
+        self._draws = Draws([env.randomization for env in envs])
         self._steps = max(env.horizon for env in envs) if self._how["truncates"] else None
 
     def _seen(self) -> Any:  # noqa: ANN401 - an array, or a dictionary of them
@@ -263,7 +263,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
             SpidarError: When `reset` was never called.
         """
         fleet, same_step = self.fleet, self.autoreset_mode is AutoresetMode.SAME_STEP
-        before = draws_of(fleet, self._is_drawn) if same_step else {}  # the next episode overwrites them
+        before = self._draws.of(fleet) if same_step else {}  # the next episode overwrites them
         self.advance(actions)
         info = self._info(self._everybody.copy())
         if same_step and fleet.begun.any():
@@ -302,7 +302,7 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
     def _info(self, mask: np.ndarray, *, ended: dict[str, np.ndarray] | None = None) -> dict[str, Any]:
         """Build `info` by `arrays_of`."""
         terms = self._envs[0].reward_terms
-        return arrays_of(self.fleet, terms, mask, self._is_drawn, ended=ended)
+        return arrays_of(self.fleet, terms, mask, self._draws, ended=ended)
 
     @in_turn
     def ended(self, robot: int) -> dict[str, Any]:

@@ -4,7 +4,7 @@
 # The compiled modules below come without stubs.
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -245,9 +245,18 @@ class Engine:
             self._pool.close()
 
 
-def check_delay(config: PlantConfig) -> None:
-    """Raise `InvalidValueError` for a delay with more pending commands than `MAX_PENDING` allows."""
-    longest = (MAX_PENDING - 2) * config.substeps * TIMESTEP
-    delay = config.actuators.delay + config.actuators.vectoring_delay
-    if not delay <= longest:
-        raise InvalidValueError("delay", delay, f"with the vectoring servos' at most {longest:g} s")
+def check_delay(config: PlantConfig, sampled: Mapping[str, float] | None = None) -> None:
+    """Raise `InvalidValueError` for a delay with more pending commands than `MAX_PENDING` allows.
+
+    Args:
+        config: Configuration of the simulated robot.
+        sampled: Largest sampled values by field of `PlantConfig`, which replace the configured ones.
+    """
+    own = {f"actuators.{name}": getattr(config.actuators, name) for name in ("delay", "vectoring_delay", "jitter")}
+    largest = own | dict(sampled or {})
+    delays = [float(largest[name]) for name in own]
+    most = (MAX_PENDING - 2) * config.substeps
+    if not sum(np.rint(delay / TIMESTEP) for delay in delays) <= most:
+        raise InvalidValueError(
+            "delay", sum(delays), f"with the vectoring servos' and the jitter at most {most * TIMESTEP:g} s"
+        )

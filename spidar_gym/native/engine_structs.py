@@ -143,6 +143,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("link_station link_width", "f8", (3,), "stations along a link, and its width there [m]"),
         ("link_scale", "f8", (N_ROTORS,), "length of each link over that of the link with these stations"),
         ("gravity battery_share", "f8", (), "[m/s²]; largest thrust over that with the measured battery"),
+        ("vectoring_kd", "f8", (), "damping of a vectoring servo [Nm s/rad]"),
         ("imu_position_b", "f8", (3,), "position of the inertial unit, which motion capture tracks [m]"),
         ("encoder_step", "f8", (N_ANGLES,), "one count of each encoder [rad]"),
         ("start", "f8", (MUJOCO_STATE,), "MuJoCo's state after a reset"),

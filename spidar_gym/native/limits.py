@@ -25,6 +25,7 @@ from spidar_gym.native.engine_structs import (
 )
 from spidar_gym.native.structs import USUAL, Bounds, CStruct, border_structs
 from spidar_gym.sim.ground import BOXES
+from spidar_gym.sim.scene import TIMESTEP
 
 _GROUND = PROGRAMS.index("rest")
 """Index of the first program of the crawl."""
@@ -265,7 +266,8 @@ RELATIONS: dict[str, tuple[tuple[str, Fits], ...]] = {
         ("is_stuck without a lost rotor", lambda p: (p["is_stuck"] == 0) | (p["disturbances"]["lost_rotor"] > 0)),
         ("vectoring_delay is too long",
          lambda p: (p["delay"] <= p["vectoring_delay"])
-         & (p["vectoring_delay"] <= (MAX_PENDING - 2) * p["config"]["substeps"].astype(np.int64))),
+         & (p["vectoring_delay"] + np.rint(p["config"]["actuators"]["jitter"] / TIMESTEP)
+            <= (MAX_PENDING - 2) * p["config"]["substeps"].astype(np.int64))),
         ("generator has an even increment", lambda p: _draws(p["generator"]) | ~_is_set(p["generator"])),
     ),
     "episode": (("generator has an even increment", lambda e: _draws(e["generator"])),),

@@ -267,6 +267,7 @@ def world(uneven: bool, boxed: bool = False, robot: RobotSpec = ROBOT) -> np.nda
             for i in range(N_LINKS)
         ],
         "battery_share": robot.max_thrust / ROBOT.max_thrust,
+        "vectoring_kd": -model.actuator_biasprm[servos[-1], 2],
         "link_station": [x for x, _ in LINK_STATIONS], "link_width": [width for _, width in LINK_STATIONS],
         "imu_position_b": robot.flight_controller, "gravity": GRAVITY, "encoder_step": ENCODER_STEPS, "start": start,
     }  # fmt: skip

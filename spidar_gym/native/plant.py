@@ -19,8 +19,9 @@ from spidar_gym.native.engine_structs import AIR_STEPS, engine_layouts
 from spidar_gym.native.library import pointer
 from spidar_gym.native.structs import WORDS, fill, read
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
-from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.config import NEEDS_RNG, PlantConfig
 from spidar_gym.sim.disturbances import PUSH_SECONDS, Disturbances
+from spidar_gym.sim.energy import CAPACITY_WH, USABLE
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.state import Command, Measurement, Reference, RobotState
@@ -151,7 +152,7 @@ class Plant:
         *,
         disturbances: Disturbances | None = None,
         rng: np.random.Generator | None = None,
-        spent_wh: float = 0.0,
+        spent_wh: float | None = None,
         motion: np.ndarray | None = None,
     ) -> RobotState:
         """Place the robot, servos at their setpoints and at rest.
@@ -163,20 +164,20 @@ class Plant:
             vectoring: (φ, θ) [rad]; zero by default.
             thrust: Thrust that the modules already deliver [N]; zero by default.
             disturbances: Disturbances and fault; none by default.
-            rng: Generator of noise, wind, pushes and recirculation; it is copied and not advanced.
-            spent_wh: Energy that its battery lacks [Wh].
+            rng: Generator of everything that is sampled, `PlantConfig.draws`; it is copied and not advanced.
+            spent_wh: Energy that its battery lacks [Wh]; by default as configured.
             motion: Velocity of the torso's origin, world [m/s], and its angular velocity, torso axes [rad/s], shape
                 (6,); at rest by default.
 
         Raises:
-            InvalidValueError: For noise, wind, pushes or recirculation without a generator.
+            InvalidValueError: For a configuration that draws, wind or pushes without a generator.
         """
         disturbances = disturbances or Disturbances()
-        random = self.config.sense or self.config.actuators.thrust_noise or self.config.recirculation.acts
-        if rng is None and (random or disturbances.has_weather):
-            raise InvalidValueError("rng", rng, "a generator, where there is noise, wind, pushes or recirculation")
+        actuators = self.config.actuators
+        if rng is None and (self.config.draws or disturbances.has_weather):
+            raise InvalidValueError("rng", rng, NEEDS_RNG)
         fill(self.record["disturbances"], disturbances)
-        self.record["spent_wh"] = spent_wh
+        self.record["spent_wh"] = actuators.battery_spent * USABLE * CAPACITY_WH if spent_wh is None else spent_wh
         if rng is not None:
             self.record["generator"] = from_numpy(rng)
         return self.place(position_w, quat_wb, joint_position, vectoring, thrust, motion)
@@ -240,8 +241,8 @@ class Plant:
         """Advance by one control period.
 
         Args:
-            command: Thrusts are clipped to idle … the module's maximum (λ̄, its gain, the battery); joint setpoints to
-                ± 90°, and slewed by the servos.
+            command: Thrusts are clipped to idle … the module's maximum (λ̄, its gain, the battery), after the board's
+                scaling; joint setpoints to ± 90°, and slewed by the servos.
 
         Returns:
             The true state at the end of the period; if the robot has `diverged`, the last finite one.

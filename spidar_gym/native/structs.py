@@ -63,6 +63,9 @@ WHOLE: dict[tuple[str, str], Bounds] = {
 """Bounds of integers that are neither flags nor words, by struct and field."""
 FRACTIONS: dict[tuple[str, str], Bounds] = {
     ("robot_state", "time"): SINCE,
+    ("actuator_config", "battery_spent"): (0.0, 1.0),
+    ("actuator_config", "jitter"): SINCE,
+    ("actuator_config", "loss"): (0.0, 1.0),
     ("interference", "lower"): INFINITE,
     ("interference", "upper"): INFINITE,
     ("demand", "lower"): INFINITE,

@@ -11,6 +11,9 @@ from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.recirculation import RecirculationConfig
 from spidar_gym.sim.sensors import SensorConfig
 
+NEEDS_RNG = "a generator, where there is noise, wind, pushes, recirculation, jitter or loss"
+"""Valid value of a generator that is missing."""
+
 
 @dataclass(frozen=True)
 class PlantConfig:
@@ -38,6 +41,11 @@ class PlantConfig:
     """The floor."""
     robot: RobotSpec = ROBOT
     """The described robot; the parts above may deviate from it, and `PlantConfig.of` returns none that do."""
+
+    @property
+    def draws(self) -> bool:
+        """Whether the robot samples random numbers: noise, recirculation, jitter and loss of commands."""
+        return self.sense or self.actuators.has_draws or self.recirculation.acts
 
     @classmethod
     def of(cls, robot: RobotSpec) -> "PlantConfig":

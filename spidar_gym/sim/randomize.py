@@ -1,4 +1,4 @@
-"""Domain randomisation: a table of the varied parameters with operation, range and source.
+"""Domain randomisation: tables of the varied parameters with operation, range and source.
 
 The controller keeps the nominal parameters; the mismatch is intended.
 """
@@ -87,14 +87,22 @@ TABLE: tuple[Row, ...] = (
     Row("sensors.factor", "set", 0.5, 1.5, "1", "estimate"),
 )
 """Randomised parameters of the nominal robot, for flight and ground; nominal values are the fields' defaults."""
-
-
-def table_of(robot: RobotSpec) -> tuple[Row, ...]:
-    """Return the table for a robot: ranges of its own parameters are scaled in proportion to the nominal robot's."""
-    return tuple(_of(row, robot) for row in TABLE)
+CHOSEN = "chosen"
+OPTIONAL_ROWS: tuple[Row, ...] = (
+    Row("actuators.joint_kd", "set", 0.5, 8.9, "Nm s/rad", "chosen; at 1 legs and yaw waver as in the paper's crawl"),
+    Row("actuators.servo_speed", "scale", 0.85, 1.15, "1", "chosen; the paper's legs move unequally", (N_JOINTS,)),
+    Row("actuators.jitter", "set", 0.0, 0.010, "s", CHOSEN),
+    Row("actuators.loss", "set", 0.0, 0.05, "1", CHOSEN),
+    Row("actuators.vectoring_backlash", "set", 0.0, 0.01, "rad", CHOSEN),
+    Row("actuators.vectoring_friction", "set", 0.0, 0.1, "Nm", CHOSEN),
+    Row("actuators.battery_spent", "set", 0.0, 1.0, "1", "full to empty"),
+)
+"""Parameters that are sampled, after those of `TABLE`, only if the user gives a range for them; a strength does not
+randomise them. `low` and `high` are suggestions."""
 
 
 def _of(row: Row, robot: RobotSpec) -> Row:
+    """Return a row for a robot: a range of its own parameter is scaled in proportion to the nominal robot's."""
     name = row.field.rpartition(".")[2]
     nominal = getattr(ROBOT, name, 0.0)
     if row.operation != "set" or not nominal or (share := getattr(robot, name) / nominal) == 1.0:
@@ -116,11 +124,11 @@ class Randomization:
         """Read a randomisation from a user's argument.
 
         Args:
-            given: A strength; or ranges by field, `{"body.total_mass": (15.5, 17.0)}`, with `strength` for all others,
-                0 by default; or a TOML file of these, in which a field may be in the table of its part.
+            given: A strength; or ranges by field, `{"body.total_mass": (15.5, 17.0)}`, with `strength` for all others
+                of `TABLE`, 0 by default; or a TOML file of these, in which a field may be in the table of its part.
 
         Raises:
-            UnknownNameError: For a field that is not in the table; it lists the valid ones.
+            UnknownNameError: For a field that is in neither table; it lists the valid ones.
             InvalidValueError: For an invalid strength or range, or a range with values that no robot can have.
             SpidarError: For a file that cannot be read, or is not TOML.
         """
@@ -141,13 +149,19 @@ class Randomization:
         """Whether anything is randomised."""
         return self.strength > 0.0 or bool(self.ranges)
 
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """Rows of the nominal robot that are sampled, in order: `TABLE`, and the optional ones with a range."""
+        own = {name for name, _, _ in self.ranges}
+        return (*TABLE, *(row for row in OPTIONAL_ROWS if row.field in own)) if own else TABLE
+
     def table(self, nominal: PlantConfig) -> tuple[float, tuple[Row, ...]]:
         """Return the strength and the table to sample from.
 
         Args:
             nominal: The nominal robot.
         """
-        table = TABLE if nominal.robot == ROBOT else table_of(nominal.robot)
+        table = self.rows if nominal.robot == ROBOT else tuple(_of(row, nominal.robot) for row in self.rows)
         if not self.ranges:
             return self.strength, table
         own = {name: (low, high) for name, low, high in self.ranges}
@@ -188,7 +202,7 @@ def _flat(given: Mapping[Any, Any]) -> dict[str, Any]:
 
 def _range(name: str, value: Any) -> tuple[str, float, float]:  # noqa: ANN401 - user input
     """Validate the custom range of a field."""
-    rows = {row.field: row for row in TABLE}
+    rows = {row.field: row for row in (*TABLE, *OPTIONAL_ROWS)}
     require_name("randomization", name, ["strength", *rows])
     try:
         low, high = value

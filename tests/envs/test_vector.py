@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from support.vectors import DRAWN, FLIGHTS, expected
+from support.vectors import DRAWN, FLIGHTS, WORN, expected
 
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.hover_env import HoverEnv
@@ -19,6 +19,7 @@ CRAWLS = {
     "published": {},
     "overlapped, legs pulled": {"preset": "overlapped", "action_mode": "residual_gait_force"},
     "drawn": {"preset": "robust", **DRAWN},
+    "worn": {"preset": "robust", **WORN},
     "a slope of tiles": {"preset": "robust", "slope": 0.1, "slope_direction": 1.0, "steps": 0.01},
     "drawn robots on tiles": {"steps": 0.01, "randomization": 0.5, "sensors": True},
     "stairs of a drawn robot": {"preset": "robust", "steps": 0.04, "terrain": "stairs", "distance": 0.8, **DRAWN},
@@ -102,7 +103,7 @@ def trace(name, robots, threads, ticks, seeds=None, **options):
     [
         (HOVER, {"forms": "narrow", "joint_speed": 1.0, **DRAWN}), (CRAWL, {"preset": "robust", "randomization": 1.0}),
         (COURSE, {"hold": 5, **DRAWN}), (COURSE, {"action_mode": "residual", "hold": 5, "randomization": 1.0}),
-        (COURSE, {"action_mode": "direct", **DRAWN}),
+        (COURSE, {"action_mode": "direct", **DRAWN}), (HOVER, WORN), (CRAWL, WORN), (COURSE, {"hold": 5, **WORN}),
     ],
 )  # fmt: skip
 def test_bits_do_not_depend_on_other_robots_threads_or_order(name, options):

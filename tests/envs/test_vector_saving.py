@@ -9,6 +9,7 @@ from typing import Any
 import jaxtyping
 import numpy as np
 import pytest
+from support.vectors import DRAWN, WORN
 
 from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, HOVER
 from spidar_gym.envs.serialization.fleets import CHECKSUM
@@ -16,10 +17,10 @@ from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.robot import FORMS
 
-DRAWN = {"randomization": 1.0, "sensors": True, "battery": True, "disturbances": {"wind": 2.0, "push": 20.0}}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "flights of one robot": (HOVER, {"forms": "mixed", "joint_speed": 1.0}),
     "flights of drawn robots": (HOVER, {"preset": "tuned", "forms": "narrow", **DRAWN}),
+    "flights of worn robots": (HOVER, {"preset": "tuned", **WORN}),
     "crawls": (CRAWL, {}),
     "crawls of drawn robots on tiles": (CRAWL, {"preset": "robust", "steps": 0.01, "slope": 0.1, **DRAWN}),
     "crawls on tiles or stairs": (CRAWL, {"preset": "robust", "steps": 0.05, "terrain": "mixed"}),

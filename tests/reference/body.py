@@ -48,13 +48,16 @@ def write_actuators(c: ActuatorConfig, model: mujoco.MjModel, joint_speed: float
     model.actuator_gear[rotors] = gain(c)[:, None] * gear
     model.actuator_ctrlrange[rotors, 1] = model.actuator_actrange[rotors, 1] = c.max_thrust / gain(c)
     model.actuator_dynprm[rotors, 0] = c.thrust_lag
-    model.actuator_dynprm[joints, 1] = joint_speed * c.joint_speed_factor
+    model.actuator_dynprm[joints, 1] = joint_speed * c.joint_speed_factor * c.servo_speed
     model.actuator_biasprm[joints, 0] = 0.0
     model.actuator_biasprm[joints, 1] = -c.joint_kp * c.servo_stiffness
     model.actuator_biasprm[joints, 2] = -c.joint_kd
+    model.actuator_biasprm[gimbals, 0] = 0.0
     model.actuator_biasprm[gimbals, 1] = -c.vectoring_kp
+    model.actuator_biasprm[gimbals, 2] = -ROBOT.vectoring_kd
     dofs = [model.joint(name).dofadr[0] for name in JOINT_NAMES]
     model.dof_frictionloss[dofs] = c.joint_friction
+    model.dof_frictionloss[[model.joint(name).dofadr[0] for name in GIMBAL_NAMES]] = c.vectoring_friction
     model.dof_damping[dofs] = c.joint_damping
 
 

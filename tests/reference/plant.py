@@ -19,9 +19,10 @@ from reference.weather import Weather, advance_eddy, thrust_noise
 
 from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vectoring
 from spidar_gym.errors import InvalidValueError
-from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROTOR_SITES
-from spidar_gym.sim.config import PlantConfig
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT, ROTOR_SITES
+from spidar_gym.sim.config import NEEDS_RNG, PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.energy import CAPACITY_WH, USABLE
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sim.scene import TIMESTEP, quieten, scene
 from spidar_gym.state import Command, Measurement, RobotState
@@ -63,6 +64,7 @@ class Plant:
         self._act = np.array([self.model.actuator_actadr[servo.id] for servo in servos])
         self._rotors = np.array([servo.id for servo in servos[_ROTORS]])
         self._joint_servos = np.array([servo.id for servo in servos[_JOINTS]])
+        self._gimbal_servos = np.array([servo.id for servo in servos[_GIMBALS]])
         self._targets = np.zeros(N_ROTORS + 2 * N_JOINTS)
         self._watch = GroundWatch(self.model, self.data)
         self.memory = PlantMemory()
@@ -104,7 +106,7 @@ class Plant:
         *,
         disturbances: Disturbances | None = None,
         rng: np.random.Generator | None = None,
-        spent_wh: float = 0.0,
+        spent_wh: float | None = None,
         motion: np.ndarray | None = None,
     ) -> RobotState:
         """Place the robot with all servos at their setpoints, by default at rest.
@@ -116,21 +118,21 @@ class Plant:
             vectoring: (φ, θ) [rad]; zero by default.
             thrust: Initial thrust of the modules [N]; zero by default.
             disturbances: Disturbances of the episode; none by default.
-            rng: Source of noise, wind and pushes.
-            spent_wh: Ignored: the battery is full.
+            rng: Source of noise, wind, pushes, jitter and loss.
+            spent_wh: Energy that its battery lacks [Wh]; by default as configured.
             motion: Velocity of the torso's origin, world [m/s], and its angular velocity, torso axes [rad/s].
 
         Raises:
-            InvalidValueError: If noise, wind or pushes are configured without a generator.
+            InvalidValueError: For a configuration that draws, wind or pushes without a generator.
         """
         disturbances = disturbances or Disturbances()
-        random = self.config.sense or self.config.actuators.thrust_noise or self.config.recirculation.acts
-        if rng is None and (random or disturbances.has_weather):
-            raise InvalidValueError("rng", rng, "a generator, where there is noise, wind, pushes or recirculation")
+        if rng is None and (self.config.draws or disturbances.has_weather):
+            raise InvalidValueError("rng", rng, NEEDS_RNG)
         mujoco.mj_resetData(self.model, self.data)
         quieten(self.data)
         self.diverged = False
-        self.memory = memory = PlantMemory(rng=rng, disturbances=disturbances)
+        spent = self.config.actuators.battery_spent * USABLE * CAPACITY_WH if spent_wh is None else spent_wh
+        self.memory = memory = PlantMemory(rng=rng, disturbances=disturbances, spent_wh=spent)
         targets = self._targets
         targets[_ROTORS] = 0.0 if thrust is None else thrust
         targets[_JOINTS] = 0.0 if joint_position is None else joint_position
@@ -145,6 +147,7 @@ class Plant:
         self._limit_torque(memory.torque_limit)
         self._watch.enable(True)
         self._write_asymmetry()
+        self._write_play()
         mujoco.mj_forward(self.model, self.data)
         memory.in_contact = self.data.ncon > 0
         if rng is not None and disturbances.has_weather:
@@ -275,6 +278,7 @@ class Plant:
         mujoco.mj_setState(self.model, self.data, state, kind)
         self._limit_torque(self.memory.torque_limit)
         self._write_asymmetry()
+        self._write_play()
         mujoco.mj_forward(self.model, self.data)
         # The forward pass computes the forces of the present instant; a step leaves those of its last substep's start.
         self.data.actuator_force[:] = force
@@ -285,15 +289,18 @@ class Plant:
         self._events = tuple(event for event in EVENTS if event.needed(self))
 
     def _dispatch_command(self, command: Command) -> None:
-        """Queue a command for the actuators, clipped to their limits."""
+        """Queue a command for the actuators, limited to what they deliver, unless it is lost."""
         config, actuators, memory, targets = self.config, self.config.actuators, self.memory, self._targets
+        lost, late = self._draw_transmission()
         targets[_ROTORS] = command.thrust
         targets[_JOINTS] = command.joint_position
         targets[_GIMBALS] = command.vectoring.reshape(-1)
         most = actuators.max_thrust
         if actuators.battery:
-            most = min(most, max_thrust(voltage(memory.energy_wh, memory.power)))
+            most = min(most, max_thrust(voltage(memory.spent_wh + memory.energy_wh, memory.power)))
         thrust = targets[_ROTORS]
+        if actuators.board_scaling and thrust.max() > most:
+            thrust *= most / thrust.max()
         np.minimum(thrust, most / gain(actuators), out=thrust)
         if config.idle_thrust > 0.0:
             np.maximum(thrust, config.idle_thrust, out=thrust)
@@ -307,11 +314,21 @@ class Plant:
         targets += offsets(actuators)
         delay, vectoring_delay = delay_steps(actuators)
         early = slice(0, _GIMBALS.start)
-        memory.pending.append((memory.clock + delay, early, targets[early].copy()))
-        memory.pending.append((memory.clock + vectoring_delay, _GIMBALS, targets[_GIMBALS].copy()))
+        if not lost:
+            memory.due = max(memory.clock + delay + late, memory.due)  # no command overtakes the one before it
+            memory.pending.append((memory.due, early, targets[early].copy()))
+            memory.pending.append((memory.due + vectoring_delay - delay, _GIMBALS, targets[_GIMBALS].copy()))
         self._deliver_due_commands()
-        if not (command.joint_torque_limit == memory.torque_limit).all():
+        if not lost and not (command.joint_torque_limit == memory.torque_limit).all():
             self._limit_torque(command.joint_torque_limit.copy())
+
+    def _draw_transmission(self) -> tuple[bool, int]:
+        """Draw whether a command is lost, and its jitter in physics steps."""
+        actuators, rng = self.config.actuators, self.memory.rng
+        if rng is None:
+            return False, 0
+        lost = actuators.loss > 0.0 and rng.random() < actuators.loss
+        return lost, round(rng.uniform(0.0, actuators.jitter) / TIMESTEP) if actuators.jitter > 0.0 else 0
 
     def _deliver_due_commands(self) -> None:
         """Write the commands whose delay has elapsed to the actuators."""
@@ -374,6 +391,14 @@ class Plant:
             stiffness = actuators.joint_kp * actuators.servo_stiffness
             self.model.actuator_biasprm[self._joint_servos, 0] = -stiffness * memory.loose
 
+    def _write_play(self) -> None:
+        """Write the play of the vectoring axes into MuJoCo's model; within it spring and damping exert no torque."""
+        play, kp = self.config.actuators.vectoring_backlash, self.config.actuators.vectoring_kp
+        if play > 0.0:
+            gap = self._a.take(self._act[_GIMBALS]) - self._q.take(self._qpos[N_JOINTS:])
+            self.model.actuator_biasprm[self._gimbal_servos, 0] = -kp * np.minimum(np.maximum(gap, -play), play)
+            self.model.actuator_biasprm[self._gimbal_servos, 2] = np.where(abs(gap) > play, -ROBOT.vectoring_kd, 0.0)
+
     def _sample_sensors(self) -> None:
         """Sample the sensors."""
         memory = self.memory
@@ -402,8 +427,9 @@ EVENTS: tuple[Event[Plant], ...] = (
     Event(
         "asymmetry", every(SERVO_STEPS), Plant._update_asymmetry, lambda plant: is_asymmetric(plant.config.actuators)
     ),
+    Event("play", every(1), Plant._write_play, lambda plant: plant.config.actuators.vectoring_backlash > 0.0),
     Event("sensors", every(IMU_STEPS), Plant._sample_sensors, lambda plant: plant.memory.sensors is not None),
 )
 """Events between the physics steps, in order: delayed commands at 400 Hz at most, the air at 40 Hz, falling thrusts and
-play at 80 Hz, sensors at 200 Hz. Once a control period, the command is sent before the first physics step, and
-contacts, power and energy are read after the last."""
+play of joints at 80 Hz, play of the vectoring axes at 400 Hz, sensors at 200 Hz. Once a control period, the command is
+sent before the first physics step, and contacts, power and energy are read after the last."""

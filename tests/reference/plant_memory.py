@@ -20,6 +20,8 @@ class PlantMemory:
     """Physics steps since the reset."""
     pending: list[tuple[int, slice, np.ndarray]] = field(default_factory=list)
     """Pending commands: arrival step, actuators, values."""
+    due: int = 0
+    """Arrival step of the last command."""
     torque_limit: JointVector = field(default_factory=lambda: np.full(N_JOINTS, ROBOT.max_joint_torque))
     """Torque that the joint servos may use [Nm]."""
     in_contact: bool = False
@@ -44,10 +46,12 @@ class PlantMemory:
     """Electrical power at the end of the last control period [W]."""
     energy_wh: float = 0.0
     """Energy drawn since the reset [Wh]."""
+    spent_wh: float = 0.0
+    """Energy that the battery lacks at the reset [Wh]."""
     sensors: SensorMemory | None = None
     """State of the sensors; None where they are off."""
     rng: np.random.Generator | None = None
-    """Source of noise, wind and pushes."""
+    """Source of noise, wind, pushes, jitter and loss."""
 
 
 @dataclass(frozen=True)

@@ -2,18 +2,21 @@
 
 import math
 
+import gymnasium
 import mujoco
 import numpy as np
 import pytest
 from support.plants import HIGH, VACUUM, command, floating, tumbled
 
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.native.draws import to_numpy
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import JOINT_NAMES, ROBOT
 from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.randomize import randomize
+from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.sim.sensors import ENCODER_STEPS, SensorConfig
 from spidar_gym.state import Command
 
@@ -116,11 +119,156 @@ def test_the_setpoints_of_the_joints_move_faster_by_the_speed_factor(factor):
     np.testing.assert_allclose(state.joint_velocity[OUTER_YAW], 0.5 * factor, rtol=0.01)
 
 
+def test_servos_of_unequal_speeds_arrive_at_unequal_times():
+    factors = np.linspace(0.6, 1.4, 16)
+    plant, way = floating(substeps=1, joint_speed=0.5, joint_speed_factor=0.9, servo_speed=factors), 0.4
+    arrivals = np.zeros(16)
+    for k in range(1, 800):
+        plant.step(command(joints=way))
+        arrivals[(arrivals == 0) & (setpoints(plant)[8:24] >= way)] = k
+    expected = way / (0.5 * 0.9 * factors) / TIMESTEP
+    assert np.all((arrivals >= expected - 1e-6) & (arrivals < expected + 1.0 + 1e-6))
+    assert arrivals.max() / arrivals.min() == pytest.approx(1.4 / 0.6, rel=0.01)
+
+
 @pytest.mark.parametrize(("most", "limit", "reached"), [(5.5, 99.0, 5.5), (8.0, 99.0, 8.0), (5.5, 3.0, 3.0)])
 def test_a_joint_servo_reaches_its_torque_and_no_more_and_obeys_a_lower_limit(most, limit, reached):
     plant = floating(joint_speed=10.0, substeps=1, max_joint_torque=most)
     torques = [plant.step(command(joints=1.0, limit=limit)).joint_torque for _ in range(100)]
     assert abs(np.abs(torques).max() - reached) < 1e-12
+
+
+# Jitter and loss of commands.
+
+
+def numbered(k: int) -> Command:
+    """The k-th of different commands."""
+    return command(1.0 + 0.01 * k, 1e-4 * k, 2e-4 * k, 5.0 + 1e-3 * k)
+
+
+def executed(plant: Plant) -> np.ndarray:
+    """Numbers of the commands that thrusts, joints, vectoring axes and torque limits execute; −1 before the first."""
+    ctrl = plant.data.ctrl
+    numbers = (ctrl[:8] - 1.0) / 0.01, ctrl[8:24] / 1e-4, ctrl[24:40] / 2e-4
+    assert all(np.ptp(each) < 1e-6 for each in numbers)
+    return np.rint([each[0] for each in numbers])
+
+
+def test_a_lost_command_leaves_thrusts_joints_vectoring_and_torque_limits_as_they_were():
+    plant, rng, last = floating(loss=0.3), np.random.default_rng(0), 0
+    held = 0
+    for k in range(1, 400):
+        plant.step(numbered(k))
+        lost = rng.random() < 0.3  # one draw for each command, from the plant's generator
+        last, held = (last, held + 1) if lost else (k, held)
+        if last:
+            assert executed(plant).tolist() == [last] * 3
+            assert np.ptp(plant.record["torque_limit"] - (5.0 + 1e-3 * last)) < 1e-12
+    assert 80 < held < 160
+    deaf = floating(loss=1.0)
+    rest = setpoints(deaf)
+    deaf.step(numbered(9))
+    assert np.array_equal(setpoints(deaf), rest)
+
+
+@pytest.mark.parametrize("vectoring_delay", [0.0, 0.0075])
+def test_commands_with_jitter_arrive_in_order_within_their_bounds_and_none_is_executed_twice(vectoring_delay):
+    plant = floating(substeps=1, delay=0.01, jitter=0.02, vectoring_delay=vectoring_delay)
+    shown = []
+    for k in range(600):
+        plant.step(numbered(k))
+        shown.append(executed(plant))
+    thrust, joints, vectoring = np.array(shown[40:]).T
+    age = np.arange(40, 600) - thrust
+    assert np.array_equal(thrust, joints)
+    shift = round(vectoring_delay / TIMESTEP)
+    assert np.array_equal(vectoring[shift:], thrust[: len(thrust) - shift])
+    for order in (thrust, vectoring):
+        assert np.all(np.diff(order) >= 0)
+    # Delays of 10 … 30 ms, read after the step in which a command arrives.
+    assert age.min() >= 3
+    assert 9 < age.max() <= 11
+    assert np.ptp(np.diff(thrust)) > 2
+
+
+def test_the_mean_of_the_jitter_is_half_its_largest_value():
+    """A period begins at the thrust x₀ and ends at x₁: the command c came T + τ log((x₁ − c) / (x₀ − c)) late."""
+    lag, period = 0.03, 0.025
+    plant = floating(thrust_lag=lag, jitter=0.02)
+    late, before = [], plant.step(command(10.0)).thrust[0]
+    for k in range(600):
+        sent = 10.0 + 10.0 * (k % 2)
+        after = plant.step(command(sent)).thrust[0]
+        old = 10.0 + 10.0 * ((k - 1) % 2)  # the command before acts until this one arrives
+        share = math.exp(-period / lag)
+        # x₁ = c + (old − c) e^{−(T − d) / τ} + (x₀ − old) e^{−T / τ}
+        late.append(period + lag * math.log((after - sent - (before - old) * share) / (old - sent)))
+        before = after
+    steps = np.array(late[1:]) / TIMESTEP
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+    assert set(np.rint(steps)) == set(range(9))
+    assert abs(steps.mean() * TIMESTEP - 0.01) < 0.001
+
+
+def test_only_jitter_and_loss_draw_numbers_and_they_need_a_generator():
+    for actuators, draws in (({}, 0), ({"jitter": 0.01}, 1), ({"loss": 0.1}, 1), ({"jitter": 0.01, "loss": 0.1}, 2)):
+        plant, rng = floating(**actuators), np.random.default_rng(0)
+        for _ in range(5):
+            plant.step(command())
+        rng.random(5 * draws)
+        assert to_numpy(plant.record["generator"]).random() == rng.random()
+    with pytest.raises(InvalidValueError, match=r"rng = None .* jitter or loss"):
+        Plant(PlantConfig(actuators=ActuatorConfig(loss=0.1))).reset(HIGH)
+
+
+@pytest.mark.parametrize("delays", [{"jitter": 0.8}, {"delay": 0.4, "vectoring_delay": 0.3, "jitter": 0.06}])
+def test_a_jitter_with_more_pending_commands_than_fit_is_refused_also_as_a_range(delays):
+    with pytest.raises(InvalidValueError, match=r"delay = .* and the jitter at most 0.75 s"):
+        Plant(PlantConfig(actuators=ActuatorConfig(**delays)))
+    ranges = {f"actuators.{name}": (0.0, value) for name, value in delays.items()}
+    with pytest.raises(InvalidValueError, match=r"delay = .* and the jitter at most 0.75 s"):
+        gymnasium.make("spidar_gym/Hover-v0", randomization=ranges)
+
+
+# Play and friction of the vectoring axes.
+
+
+@pytest.mark.parametrize(("axis", "name"), list(enumerate(["gimbal3_roll", "gimbal3_pitch"])))
+def test_an_alternating_load_turns_a_vectoring_axis_through_its_play_where_the_servo_exerts_no_torque(axis, name):
+    play, load = 0.02, 0.15
+    plant, servo = floating(substeps=1, vectoring_backlash=play), mujoco_actuator(name)
+    dof, angle, extremes, inside = plant.model.joint(name).dofadr[0], 0.0, [], 0
+    for torque in (load, -load, load):
+        for _ in range(400):
+            plant.data.qfrc_applied[dof] = torque
+            before, angle = angle, plant.step(command()).vectoring[2, axis]
+            force = plant.data.actuator_force[servo]  # at the start of the step
+            inside += abs(before) < play
+            assert abs(force) < 1e-12 if abs(before) < play else abs(force) > 0.0
+        extremes.append(angle)
+    edge = play + load / ROBOT.vectoring_kp
+    np.testing.assert_allclose(extremes, [edge, -edge, edge], rtol=2e-3)
+    assert inside > 20
+
+
+def mujoco_actuator(name: str) -> int:
+    """Index of an actuator."""
+    return Plant().model.actuator(name).id
+
+
+@pytest.mark.parametrize(("axis", "name"), list(enumerate(["gimbal3_roll", "gimbal3_pitch"])))
+def test_dry_friction_holds_a_vectoring_axis_below_its_breakaway_torque(axis, name):
+    friction, kp = 0.1, ROBOT.vectoring_kp
+    for torque, holds in ((0.08, True), (0.13, False)):
+        away = loaded(floating(vectoring_friction=friction), name, torque, command(), 1.0).vectoring[2, axis]
+        # Beyond the friction, the servo's spring carries the rest.
+        assert abs(away) < 3e-4 if holds else away == pytest.approx((torque - friction) / kp, rel=0.2)
+    plant = floating(vectoring_friction=friction)
+    for wanted, least in ((0.9 * friction / kp, 0.0), (3.0 * friction / kp, 2.0 * friction / kp)):
+        for _ in range(40):
+            reached = plant.step(command(vectoring=wanted)).vectoring[2, axis]
+        # An axis with momentum stops beyond the edge of the band in which friction holds it.
+        assert least - 0.05 * friction / kp < reached < least + 0.2 * friction / kp
 
 
 def limp(joint: str) -> Command:
@@ -259,14 +407,17 @@ def test_what_mujoco_derives_from_the_gears_is_that_of_the_present_robot_too():
 
 SCALARS = (
     "thrust_gain", "max_thrust", "thrust_lag", "spin_down", "thrust_noise", "delay", "vectoring_delay", "joint_kp",
-    "joint_speed_factor", "max_joint_torque", "joint_friction", "joint_damping", "backlash", "vectoring_kp",
+    "joint_speed_factor", "max_joint_torque", "joint_friction", "joint_damping", "backlash", "vectoring_kp", "jitter",
+    "loss", "vectoring_backlash", "vectoring_friction", "battery_spent",
 )  # fmt: skip
-
-
-NOT_NEGATIVE = ("thrust_noise", "delay", "vectoring_delay", "joint_friction", "joint_damping", "backlash")
+SHARES = ("loss", "battery_spent")
+NOT_NEGATIVE = (
+    "thrust_noise", "delay", "vectoring_delay", "joint_friction", "joint_damping", "backlash", "jitter",
+    "vectoring_backlash", "vectoring_friction", *SHARES,
+)  # fmt: skip
 ARRAYS = {
     "module_gain": (8,), "duct_imbalance": (8,), "thrust_tilt": (8, 2), "thrust_offset": (8, 2),
-    "servo_stiffness": (16,), "joint_offset": (16,), "vectoring_offset": (8, 2),
+    "servo_stiffness": (16,), "servo_speed": (16,), "joint_offset": (16,), "vectoring_offset": (8, 2),
 }  # fmt: skip
 
 
@@ -291,8 +442,15 @@ def test_an_array_with_a_number_that_is_not_finite_is_refused(name, shape, value
         ActuatorConfig(**{name: array})
 
 
-@pytest.mark.parametrize("name", ["module_gain", "servo_stiffness"])
-def test_a_negative_module_gain_and_a_negative_stiffness_are_refused(name):
+@pytest.mark.parametrize("name", SHARES)
+def test_a_share_above_1_is_refused(name):
+    ActuatorConfig(**{name: 1.0})
+    with pytest.raises(InvalidValueError, match=rf"{name} = 1.1 .* within 0 … 1"):
+        ActuatorConfig(**{name: 1.1})
+
+
+@pytest.mark.parametrize("name", ["module_gain", "servo_stiffness", "servo_speed"])
+def test_a_negative_factor_of_a_module_or_a_servo_is_refused(name):
     array = np.ones(ARRAYS[name])
     array[-1] = -1.0
     with pytest.raises(InvalidValueError, match=rf"(?s){name} = .*expected"):

@@ -203,6 +203,32 @@ def test_the_largest_thrust_falls_during_a_flight_only_with_a_simulated_battery(
     np.testing.assert_allclose(full_throttle(FLYABLE, battery=False).state().thrust, ROBOT.max_thrust, rtol=1e-9)
 
 
+@pytest.mark.parametrize(("spent", "volts", "thrust"), [(0.0, 25.2, 40.5), (0.5, 23.7, 36.15), (1.0, 22.2, 31.8)])
+def test_a_battery_that_is_spent_at_the_reset_limits_the_first_thrust_to_that_of_its_voltage(spent, volts, thrust):
+    plant = Plant(PlantConfig(actuators=ActuatorConfig(battery=True, battery_spent=spent)))
+    plant.reset(HIGH)
+    plant.step(command(99.0))
+    # At rest 60 W lower the voltage by 10 mΩ times the current.
+    expected = max_thrust(volts - 0.010 * 60.0 / volts)
+    np.testing.assert_allclose(plant.data.ctrl[:8], expected, rtol=1e-9)
+    assert expected == pytest.approx(thrust, abs=0.1)
+    plant.reset(HIGH, spent_wh=0.0)
+    assert plant.record["spent_wh"] == 0.0
+
+
+@pytest.mark.parametrize(("name", "charge"), [("Hover", 0.7), ("Crawl", 0.7), ("Course", 0.35)])
+def test_an_episode_begins_with_the_charge_that_is_left_of_the_tasks(name, charge):
+    config = PlantConfig(actuators=ActuatorConfig(battery_spent=0.3))
+    options = {"charge": 0.5} if name == "Course" else {}
+    env = gymnasium.make(f"spidar_gym/{name}-v0", plant=config, **options)
+    _, info = env.reset(seed=0)
+    record = env.unwrapped.plant.record
+    assert 1.0 - record["spent_wh"] / FLYABLE == pytest.approx(charge)
+    if name == "Course":
+        assert info["charge"] == pytest.approx(charge)
+    env.close()
+
+
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_full_throttle_settles_at_the_thrust_of_the_voltage_under_its_own_load(share):
     plant = full_throttle(share * FLYABLE)

@@ -40,6 +40,11 @@ def test_a_delivery_is_due_when_the_first_pending_command_arrives():
         (PlantConfig(aero=STILL, actuators=ActuatorConfig(thrust_noise=0.1)), {}, ["delivery", "air"]),
         (PlantConfig(aero=STILL, actuators=ActuatorConfig(backlash=0.01)), {}, ["delivery", "asymmetry"]),
         (PlantConfig(aero=STILL, actuators=ActuatorConfig(spin_down=0.5)), {}, ["delivery", "asymmetry"]),
+        (
+            PlantConfig(aero=STILL, actuators=ActuatorConfig(vectoring_backlash=0.01)),
+            {},
+            ["delivery", "play"],
+        ),
         (PlantConfig(sense=True), {}, ["delivery", "air", "sensors"]),
     ],
 )
@@ -55,7 +60,7 @@ def test_events_happen_in_order_at_their_rates_where_the_robot_needs_them(monkey
         for e in real
     )
     plant.step(Command(np.zeros(8), np.zeros((8, 2)), np.zeros(16), np.full(16, 7.0)))
-    steps = {"air": 10, "asymmetry": 5, "sensors": 2}
+    steps = {"air": 10, "asymmetry": 5, "play": 1, "sensors": 2}
     order = [event.name for event in EVENTS]
     wanted = [(clock, n) for clock in range(1, 11) for n in order if n in steps and clock % steps[n] == 0]
     assert happened == [entry for entry in wanted if entry[1] in needed]

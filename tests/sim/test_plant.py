@@ -197,7 +197,7 @@ def test_a_returned_state_does_not_change_afterwards():
 @pytest.mark.parametrize("case", ["noise", "wind", "pushes", "sensors"])
 def test_something_random_without_a_generator_is_refused(case):
     config, disturbances = ODDITIES[case]
-    with pytest.raises(InvalidValueError, match="a generator, where there is noise, wind or pushes"):
+    with pytest.raises(InvalidValueError, match="a generator, where there is noise, wind, pushes"):
         Plant(config).reset(HIGH, disturbances=disturbances)
 
 

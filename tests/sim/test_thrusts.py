@@ -182,6 +182,41 @@ def test_a_battery_lowers_the_limit_and_never_raises_it():
         np.testing.assert_allclose(state.thrust, given, rtol=1e-9)
 
 
+def shared(plant: Plant, thrust: np.ndarray) -> np.ndarray:
+    """Commands that the modules execute of given ones."""
+    plant.step(command(thrust))
+    return plant.data.ctrl[:8].copy()
+
+
+def torso_wrench(thrust: np.ndarray) -> np.ndarray:
+    """Force and torque of thrusts in a tilted pose, torso axes."""
+    q, vectoring, *_ = askew()
+    positions, attitudes = rotors(model(), q, vectoring)
+    forces = thrust[:, None] * attitudes[:, :, 2]
+    return np.concatenate([forces.sum(axis=0), np.cross(positions, forces).sum(axis=0)])
+
+
+@pytest.mark.parametrize("limit", [{"max_thrust": 20.0}, {"battery": True, "battery_spent": 1.0}])
+def test_scaled_thrusts_keep_their_ratios_and_the_wrenchs_direction_and_clipped_ones_do_not(limit):
+    given = np.linspace(8.0, 42.0, 8)
+    scaled, clipped = (shared(floating(board_scaling=board, **limit), given) for board in (True, False))
+    most = 20.0 if "max_thrust" in limit else 2.0 * (15.9 - 1.45 * 0.010 * 60.0 / 22.2)
+    np.testing.assert_allclose(scaled, given * most / 42.0, rtol=1e-9)
+    np.testing.assert_allclose(clipped, np.minimum(given, most), rtol=1e-9)
+    wrenches = [torso_wrench(each) / np.linalg.norm(torso_wrench(each)) for each in (given, scaled, clipped)]
+    np.testing.assert_allclose(wrenches[1], wrenches[0], atol=1e-12)
+    assert np.abs(wrenches[2] - wrenches[0]).max() > 0.02
+
+
+def test_the_board_scales_only_above_the_largest_thrust_and_a_module_stays_within_its_own():
+    low = np.linspace(8.0, 19.9, 8)
+    assert np.array_equal(shared(floating(board_scaling=True, max_thrust=20.0), low), low)
+    # The board does not know the gain: a strong module would exceed its largest thrust, a weak one stays below it.
+    gains = np.array([1.25, 0.8, *[1.0] * 6])
+    commands = shared(floating(board_scaling=True, max_thrust=20.0, module_gain=gains), np.full(8, 25.0))
+    np.testing.assert_allclose(gains * commands, [20.0, 16.0, *[20.0] * 6], rtol=1e-9)
+
+
 @pytest.mark.parametrize("lag", [0.01, 0.03, 0.06])
 def test_a_rising_thrust_has_completed_63_percent_of_a_step_after_one_time_constant(lag):
     plant = floating(substeps=round(lag / TIMESTEP), thrust_lag=lag, thrust=np.full(8, 5.0))

@@ -27,7 +27,8 @@ STORM = Disturbances(wind=4.0, push=30.0)
 EVERYTHING = ActuatorConfig(
     thrust_noise=0.3, delay=0.0275, vectoring_delay=0.01, backlash=0.01, spin_down=0.6, battery=True,
     joint_friction=0.2, thrust_tilt=np.full((8, 2), 0.02), joint_offset=np.full(16, 0.01),
-    vectoring_offset=np.full((8, 2), -0.01),
+    vectoring_offset=np.full((8, 2), -0.01), servo_speed=np.linspace(0.85, 1.15, 16), jitter=0.02, loss=0.1,
+    vectoring_backlash=0.01, vectoring_friction=0.05, battery_spent=0.7, board_scaling=True,
 )  # fmt: skip
 ODDITIES: dict[str, tuple[PlantConfig, Disturbances]] = {
     "vacuum": (PlantConfig(aero=VACUUM), Disturbances()),
@@ -41,6 +42,13 @@ ODDITIES: dict[str, tuple[PlantConfig, Disturbances]] = {
     "recirculation": (PlantConfig(recirculation=EDDY), Disturbances()),
     "recirculation in a vacuum": (PlantConfig(aero=VACUUM, recirculation=EDDY), Disturbances()),
     "stacked rotors": (PlantConfig(aero=AeroConfig(stacking_loss=0.1)), Disturbances()),
+    "spent battery": (PlantConfig(actuators=ActuatorConfig(battery=True, battery_spent=0.9)), Disturbances()),
+    "board": (PlantConfig(actuators=ActuatorConfig(max_thrust=18.0, board_scaling=True)), Disturbances()),
+    "servo speed": (PlantConfig(actuators=ActuatorConfig(servo_speed=np.linspace(0.5, 2.0, 16))), Disturbances()),
+    "jitter": (PlantConfig(actuators=ActuatorConfig(delay=0.01, vectoring_delay=0.005, jitter=0.06)), Disturbances()),
+    "loss": (PlantConfig(actuators=ActuatorConfig(loss=0.4)), Disturbances()),
+    "vectoring backlash": (PlantConfig(actuators=ActuatorConfig(vectoring_backlash=0.02)), Disturbances()),
+    "vectoring friction": (PlantConfig(actuators=ActuatorConfig(vectoring_friction=0.1)), Disturbances()),
     "wind": (PlantConfig(), Disturbances(wind=4.0)),
     "wind in a vacuum": (PlantConfig(aero=VACUUM), Disturbances(wind=4.0)),
     "pushes": (PlantConfig(), Disturbances(push=30.0)),

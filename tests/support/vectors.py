@@ -8,6 +8,9 @@ import numpy as np
 
 from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.native.library import STATUS
+from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.randomize import OPTIONAL_ROWS
 from spidar_gym.tasks.crawl import SHORTFALLS
 
 DRAWN: dict[str, Any] = {
@@ -16,6 +19,11 @@ DRAWN: dict[str, Any] = {
     "battery": True,
     "disturbances": {"wind": 2.0, "push": 20.0},
 }
+WORN: dict[str, Any] = DRAWN | {
+    "randomization": {"strength": 1.0} | {row.field: (row.low, row.high) for row in OPTIONAL_ROWS},
+    "plant": PlantConfig(actuators=ActuatorConfig(board_scaling=True)),
+}
+"""All that `DRAWN` varies, every optional row of the randomisation, and a board that scales the thrusts."""
 FLIGHTS: dict[str, dict[str, Any]] = {
     "mixed": {},
     "the paper's forms": {"forms": "paper"},
@@ -25,6 +33,7 @@ FLIGHTS: dict[str, dict[str, Any]] = {
     "both": {"action_mode": "residual", "unrestricted": ((0.2, 0.5),)},
     "forces": {"action_mode": "residual_force", "forms": "independent"},
     "drawn": {"preset": "tuned", **DRAWN},
+    "worn": {"preset": "tuned", **WORN},
     "half drawn, no air": {"randomization": 0.5, "wake": False},
     "a lost thrust": {"forms": "form1", "disturbances": {"lost_rotor": 3, "fault_time": 0.5}},
     "a stuck module": {"forms": "form2", "disturbances": {"lost_rotor": 6, "fault": "vectoring", "fault_time": 0.5}},

@@ -75,12 +75,14 @@ void sp_write_actuators(const sp_world *world, const sp_actuator_config *c, doub
     }
     for (int j = 0; j < SP_ANGLES; j++) {
         double *bias = sim->actuator_biasprm + GAINS * (SP_ROTORS + j);
+        bias[0] = 0.0;
         if (j >= SP_JOINTS) {
             bias[1] = -c->vectoring_kp;
+            bias[2] = -world->vectoring_kd;
+            sim->dof_frictionloss[world->joint_dof[j]] = c->vectoring_friction;
             continue;
         }
-        sim->actuator_dynprm[GAINS * (SP_ROTORS + j) + 1] = joint_speed * c->joint_speed_factor;
-        bias[0] = 0.0;
+        sim->actuator_dynprm[GAINS * (SP_ROTORS + j) + 1] = joint_speed * c->joint_speed_factor * c->servo_speed[j];
         bias[1] = -c->joint_kp * c->servo_stiffness[j];
         bias[2] = -c->joint_kd;
         sim->dof_frictionloss[world->joint_dof[j]] = c->joint_friction;

@@ -195,7 +195,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     /* A separate generator, so that draws of the weather do not change the next episode. */
     sp_spawn(&episode->generator, &c->plant.generator);
     c->plant.disturbances = episode->disturbances;
-    c->plant.spent_wh = (1.0 - charge) * SP_USABLE * SP_CAPACITY_WH;
+    sp_charge(charge, &c->plant);
     sp_plant_reset(e->world, &thread->sim, position_w, quat, c->manager.lying, level, idle, NULL, &c->plant);
     sp_leave(&thread->sim, &c->plant);
     episode->ticks = 0;
@@ -305,7 +305,7 @@ static int move(sp_engine *e, const sp_course_rules *rules, sp_thread *thread, s
     sp_course_quantities now;
     if (rules->rules.is_commanded) c->episode.has_command = 1;
     else act(rules, thread->room, c);
-    sp_enter(&thread->sim, &c->plant);
+    sp_enter(e->world, &thread->sim, &c->plant);
     sp_plant_step(e->world, &thread->sim, &c->episode.command, &c->plant);
     sp_leave(&thread->sim, &c->plant);
     if (c->plant.diverged) return 0;

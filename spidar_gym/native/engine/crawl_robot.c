@@ -164,6 +164,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     /* A separate generator, so that draws of the weather do not change the next episode. */
     sp_spawn(&episode->generator, &c->plant.generator);
     c->plant.disturbances = episode->disturbances;
+    sp_charge(1.0, &c->plant);
     sp_plant_reset(e->world, sim, position_w, quat, rules->lies, level, idle, NULL, &c->plant);
     if (has_tiles(&c->plant)) {
         sp_command still;
@@ -378,7 +379,7 @@ static void step_robot(sp_engine *e, sp_thread *thread, int robot)
     if (rules->rules.is_commanded) episode->has_command = 1;
     else act(rules, thread->room, c);
     sp_carry(e, thread, robot);
-    sp_enter(&thread->sim, &c->plant);
+    sp_enter(e->world, &thread->sim, &c->plant);
     c->plant.violated = 0;
     sp_plant_step(e->world, &thread->sim, &episode->command, &c->plant);
     sp_leave(&thread->sim, &c->plant);

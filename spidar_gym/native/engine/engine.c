@@ -100,7 +100,7 @@ static void configure_one(sp_engine *e, sp_thread *thread, int robot)
 static void change_one(sp_engine *e, sp_thread *thread, int robot)
 {
     configure_one(e, thread, robot);
-    sp_enter(&thread->sim, sp_plant_of(e, robot));
+    sp_enter(e->world, &thread->sim, sp_plant_of(e, robot));
 }
 
 static void reset_one(sp_engine *e, sp_thread *thread, int robot)
@@ -117,7 +117,7 @@ static void step_one(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_plant *p = sp_plant_of(e, robot);
     sp_carry(e, thread, robot);
-    sp_enter(&thread->sim, p);
+    sp_enter(e->world, &thread->sim, p);
     sp_plant_step(e->world, &thread->sim, (const sp_command *)e->argument + robot, p);
     sp_leave(&thread->sim, p);
 }
@@ -125,7 +125,7 @@ static void step_one(sp_engine *e, sp_thread *thread, int robot)
 static void refresh_one(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_carry(e, thread, robot);
-    sp_enter(&thread->sim, sp_plant_of(e, robot));
+    sp_enter(e->world, &thread->sim, sp_plant_of(e, robot));
     if (sp_is_somewhere(&thread->sim)) thread->sim.mujoco->forward(thread->sim.model, thread->sim.data);
 }
 

@@ -91,7 +91,7 @@ void sp_write_actuators(const sp_world *world, const sp_actuator_config *config,
 
 /* plant.c */
 void sp_configure(const sp_world *world, const sp_sim *sim, const sp_plant_config *config, sp_plant *plant);
-void sp_enter(const sp_sim *sim, sp_plant *plant);
+void sp_enter(const sp_world *world, const sp_sim *sim, sp_plant *plant);
 void sp_leave(const sp_sim *sim, sp_plant *plant);
 int sp_is_somewhere(const sp_sim *sim);
 void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *position_w, const double *quat_wb,

@@ -17,6 +17,13 @@ void sp_draw_robot(const sp_rules *rules, sp_generator *generator, sp_plant_conf
     }
 }
 
+/* Set the energy that a configured robot's battery lacks at the reset; its configuration takes a share of `charge`. */
+void sp_charge(double charge, sp_plant *plant)
+{
+    double left = charge * (1.0 - plant->config.actuators.battery_spent);
+    plant->spent_wh = (1.0 - left) * SP_USABLE * SP_CAPACITY_WH;
+}
+
 /* Set the observed state after a reset. */
 void sp_first_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_episode *episode)
 {

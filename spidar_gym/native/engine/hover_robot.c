@@ -262,6 +262,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     /* A separate generator, so that draws of the weather do not change the next episode. */
     sp_spawn(&episode->generator, &h->plant.generator);
     h->plant.disturbances = episode->disturbances;
+    sp_charge(1.0, &h->plant);
     if (!rules->rules.is_commanded) place(e, rules, thread, q, h->knots ? knots : NULL, h);
     episode->ticks = 0;
     episode->failure = -1;
@@ -505,7 +506,7 @@ static void step_robot(sp_engine *e, sp_thread *thread, int robot)
     if (rules->rules.is_commanded) episode->has_command = 1;
     else act(rules, thread->room, h);
     sp_carry(e, thread, robot);
-    sp_enter(&thread->sim, &h->plant);
+    sp_enter(e->world, &thread->sim, &h->plant);
     h->plant.violated = 0;
     sp_plant_step(e->world, &thread->sim, &episode->command, &h->plant);
     sp_leave(&thread->sim, &h->plant);

@@ -1,7 +1,8 @@
 /* One simulated robot: the physics steps of a control period, and what happens between them.
  *
  * Delayed commands arrive at 400 Hz at most; the air is evaluated at 40 Hz, falling thrusts and the joints' play at
- * 80 Hz, the sensors at 200 Hz. This order is also that of the draws.
+ * 80 Hz, the vectoring axes' play at 400 Hz, the sensors at 200 Hz. This order is also that of the draws; loss and
+ * jitter of a command are drawn before them.
  */
 #include "engine.h"
 
@@ -54,6 +55,21 @@ static void write_asymmetry(const sp_sim *sim, const sp_plant *p)
             sim->actuator_biasprm[GAINS * (SP_ROTORS + j)] = -(c->joint_kp * c->servo_stiffness[j]) * p->loose[j];
 }
 
+/* Write the play of the vectoring axes into the model, in which spring and damping exert no torque. It is a function of
+ * the state at the start of a physics step, so nothing of it is stored. */
+static void write_play(const sp_world *world, const sp_sim *sim, const sp_plant *p)
+{
+    const sp_actuator_config *c = &p->config.actuators;
+    double play = c->vectoring_backlash;
+    if (!(play > 0.0)) return;
+    for (int k = 0; k < 2 * SP_ROTORS; k++) {
+        double *bias = sim->actuator_biasprm + GAINS * (FIRST_GIMBAL + k);
+        double gap = sim->act[FIRST_GIMBAL + k] - sim->qpos[world->joint_qpos[SP_JOINTS + k]];
+        bias[0] = -c->vectoring_kp * sp_clip(gap, -play, play);
+        bias[2] = fabs(gap) > play ? -world->vectoring_kd : 0.0;
+    }
+}
+
 static void limit_torque(const sp_sim *sim, sp_plant *p, const double *limit)
 {
     for (int j = 0; j < SP_JOINTS; j++) {
@@ -65,11 +81,12 @@ static void limit_torque(const sp_sim *sim, sp_plant *p, const double *limit)
 }
 
 /* Load a robot into a thread's simulation, whose model has its configuration. */
-void sp_enter(const sp_sim *sim, sp_plant *p)
+void sp_enter(const sp_world *world, const sp_sim *sim, sp_plant *p)
 {
     sim->mujoco->set_state(sim->model, sim->data, p->row, (int)sim->mujoco->state_kind);
     limit_torque(sim, p, p->torque_limit);
     write_asymmetry(sim, p);
+    write_play(world, sim, p);
 }
 
 /* Store the state of a loaded robot. */
@@ -177,18 +194,30 @@ static void sample(const sp_world *world, const sp_sim *sim, sp_plant *p)
 
 /* ---- a control period ---- */
 
-/* Queue a command for the actuators, clipped to their limits. */
+/* Write the thrusts of a command, limited to what board and modules deliver at the present voltage. */
+static void limit_thrust(const sp_world *world, const double *thrust, const sp_plant *p, double *target)
+{
+    const sp_actuator_config *c = &p->config.actuators;
+    double most = c->max_thrust, largest = 0.0, share = 1.0;
+    if (c->battery) most = sp_min(most, world->battery_share * sp_battery_thrust(sp_voltage(p->spent_wh + p->energy_wh, p->power)));
+    for (int i = 0; i < SP_ROTORS; i++) largest = sp_max(largest, thrust[i]);
+    if (c->board_scaling && largest > most) share = most / largest;
+    for (int i = 0; i < SP_ROTORS; i++) {
+        target[i] = sp_min(share * thrust[i], most / gain(p, i));
+        if (p->config.idle_thrust > 0.0) target[i] = sp_max(target[i], p->config.idle_thrust);
+    }
+}
+
+/* Queue a command for the actuators, unless it is lost. */
 static void dispatch(const sp_world *world, const sp_sim *sim, const sp_command *command, sp_plant *p)
 {
     const sp_actuator_config *c = &p->config.actuators;
     const sp_disturbances *d = &p->disturbances;
-    sp_pending *sent = &p->pending[(p->pending_first + p->pending_count++) % SP_MAX_PENDING];
-    double most = c->max_thrust, *target = sent->target;
-    if (c->battery) most = sp_min(most, world->battery_share * sp_battery_thrust(sp_voltage(p->spent_wh + p->energy_wh, p->power)));
-    for (int i = 0; i < SP_ROTORS; i++) {
-        target[i] = sp_min(command->thrust[i], most / gain(p, i));
-        if (p->config.idle_thrust > 0.0) target[i] = sp_max(target[i], p->config.idle_thrust);
-    }
+    sp_pending *sent = &p->pending[(p->pending_first + p->pending_count) % SP_MAX_PENDING];
+    double *target = sent->target;
+    int lost = c->loss > 0.0 && sp_random(&p->generator) < c->loss;
+    int64_t late = c->jitter > 0.0 ? (int64_t)rint(sp_uniform(&p->generator, 0.0, c->jitter) / SP_TIMESTEP) : 0;
+    limit_thrust(world, command->thrust, p, target);
     sp_copy(target + SP_ROTORS, command->joint_position, SP_JOINTS);
     sp_copy(target + FIRST_GIMBAL, command->vectoring, 2 * SP_ROTORS);
     if (d->lost_rotor && *sim->time >= d->fault_time - 1e-9) {
@@ -201,10 +230,15 @@ static void dispatch(const sp_world *world, const sp_sim *sim, const sp_command 
         }
     }
     for (int k = 0; k < SP_ACTUATORS; k++) target[k] += offset(p, k);
-    sent->due = p->clock + p->delay;
-    sent->vectoring_due = p->clock + p->vectoring_delay;
+    sent->due = p->clock + p->delay + late;
+    if (p->pending_count) { /* no command overtakes the one before it */
+        int64_t before = p->pending[(p->pending_first + p->pending_count - 1) % SP_MAX_PENDING].due;
+        if (sent->due < before) sent->due = before;
+    }
+    sent->vectoring_due = sent->due + p->vectoring_delay - p->delay;
+    if (!lost) p->pending_count++;
     deliver(sim, p);
-    if (memcmp(command->joint_torque_limit, p->torque_limit, sizeof p->torque_limit))
+    if (!lost && memcmp(command->joint_torque_limit, p->torque_limit, sizeof p->torque_limit))
         limit_torque(sim, p, command->joint_torque_limit);
 }
 
@@ -234,6 +268,7 @@ void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *c
     dispatch(world, sim, command, p);
     sp_look_for_contacts(sim, !(p->clearance > SP_FASTEST * period));
     for (int k = 0; k < substeps && sp_is_somewhere(sim); k++) {
+        write_play(world, sim, p);
         sim->mujoco->step(sim->model, sim->data);
         p->clock++;
         if (boxed && *sim->contacts) p->hit = sp_max(p->hit, sp_hit(world, sim));
@@ -301,6 +336,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     limit_torque(sim, p, limit);
     sp_look_for_contacts(sim, 1);
     write_asymmetry(sim, p);
+    write_play(world, sim, p);
     sim->mujoco->forward(sim->model, sim->data);
     p->in_contact = *sim->contacts > 0;
     p->clearance = sp_clearance(world, sim, p);

@@ -117,22 +117,29 @@ typedef struct {
     double thrust_tilt[16]; /* (8, 2) Tilt of the thrust about the module's x and y axes [rad]. */
     double thrust_offset[16]; /* (8, 2) Offset of the thrust's point of attack from the module's centre, x and y [m]. */
     double max_thrust; /* Largest thrust of a module [N]. */
-    int32_t battery; /* Whether the largest thrust falls with the voltage of a battery that is full at reset. */
+    int32_t battery; /* Whether the largest thrust falls with the voltage of the battery. */
+    double battery_spent; /* Share of the battery's usable energy that is spent at the reset, 0 … 1 [chosen]. */
+    int32_t board_scaling; /* Whether the flight board scales all thrusts by one factor when one exceeds the largest thrust [JSK]. */
     double thrust_lag; /* Time constant of a rising thrust [s]. */
     double spin_down; /* Time constant of a falling thrust over that of a rising one. */
     double thrust_noise; /* Standard deviation of each module's thrust noise, with a bandwidth of 10 Hz [N]. */
     double delay; /* Delay between a command and the actuators, rounded to physics steps [s]. */
     double vectoring_delay; /* Additional delay of the vectoring servos, rounded to physics steps [s]. */
+    double jitter; /* Largest additional delay of a command, uniform from 0 on, rounded to physics steps [s]; up to 0.01 [chosen]. */
+    double loss; /* Probability that a command is lost; the actuators then keep the last one that arrived; up to 0.05 [chosen]. */
     double joint_kp; /* Stiffness of the joint servos [Nm/rad]. */
     double joint_kd; /* Damping of the joint servos [Nm s/rad]. */
     double servo_stiffness[16]; /* Factor on the stiffness of each joint servo. */
     double joint_speed_factor; /* Actual speed limit of the joint servos over the commanded one. */
+    double servo_speed[16]; /* Factor on the speed limit of each joint servo, times `joint_speed_factor`; 0.85 … 1.15 [chosen]. */
     double max_joint_torque; /* Largest torque that the joint servos reach [Nm]. */
     double joint_friction; /* Dry friction of a joint [Nm]. */
     double joint_damping; /* Viscous friction of a joint [Nm s/rad]. */
     double backlash; /* Half of a joint's play, within which the servo exerts no torque [rad]. */
     double joint_offset[16]; /* True minus indicated joint angle, the zero offset of the encoder [rad]. */
     double vectoring_kp; /* Stiffness of the vectoring servos [Nm/rad]. */
+    double vectoring_friction; /* Dry friction of a vectoring axis [Nm]; up to 0.1, of the servos' 1.5 [chosen]. */
+    double vectoring_backlash; /* Half of a vectoring axis' play, within which the servo exerts no torque [rad]; up to 0.01 [chosen]. */
     double vectoring_offset[16]; /* (8, 2) True minus indicated vectoring angle [rad]. */
 } sp_actuator_config;
 
@@ -255,6 +262,7 @@ typedef struct {
     double link_station[3], link_width[3]; /* stations along a link, and its width there [m] */
     double link_scale[8]; /* length of each link over that of the link with these stations */
     double gravity, battery_share; /* [m/s²]; largest thrust over that with the measured battery */
+    double vectoring_kd; /* damping of a vectoring servo [Nm s/rad] */
     double imu_position_b[3]; /* position of the inertial unit, which motion capture tracks [m] */
     double encoder_step[32]; /* one count of each encoder [rad] */
     double start[438]; /* MuJoCo's state after a reset */
