@@ -13,6 +13,8 @@ from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
 
 NOISE_BANDWIDTH = 10.0
 """Corner frequency of the thrust noise [Hz]."""
+STICKING = 50.0
+"""Stiffness with which dry friction holds a vectoring axis, three times its servo's [Nm/rad] [chosen]."""
 
 
 @dataclass(frozen=True)

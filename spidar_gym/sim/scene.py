@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import mujoco
 
-from spidar_gym.robot import GIMBAL_NAMES, ROBOT, RobotSpec
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.description import model_text
 from spidar_gym.sim.ground import BOXES, NOWHERE, TILE, TILE_DEPTH, TILES
 
@@ -17,8 +17,6 @@ mujoco.set_mju_user_warning(logging.getLogger("spidar_gym.mujoco").warning)
 
 TIMESTEP = 0.0025
 """Physics step of the integrator `implicitfast` [s]."""
-STICTION = 0.9999
-"""Impedance of the vectoring axes' dry friction, at most 1, at which it would hold exactly."""
 MAX_WIDTH, MAX_HEIGHT = 1920, 1080
 """Largest picture [px]."""
 
@@ -69,10 +67,6 @@ def scene(
     model = spec.compile()
     # A diverging state must be detected, not reset by MuJoCo.
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    # MuJoCo's default friction creeps: within a second an axis would reach the rest angle of its servo's spring.
-    for name in GIMBAL_NAMES:
-        dof = model.joint(name).dofadr[0]
-        model.dof_solimp[dof, :2], model.dof_solref[dof, 0] = STICTION, 2.0 * TIMESTEP
     return model
 
 

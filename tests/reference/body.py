@@ -57,7 +57,6 @@ def write_actuators(c: ActuatorConfig, model: mujoco.MjModel, joint_speed: float
     model.actuator_biasprm[gimbals, 2] = -ROBOT.vectoring_kd
     dofs = [model.joint(name).dofadr[0] for name in JOINT_NAMES]
     model.dof_frictionloss[dofs] = c.joint_friction
-    model.dof_frictionloss[[model.joint(name).dofadr[0] for name in GIMBAL_NAMES]] = c.vectoring_friction
     model.dof_damping[dofs] = c.joint_damping
 
 

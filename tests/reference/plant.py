@@ -20,6 +20,7 @@ from reference.weather import Weather, advance_eddy, thrust_noise
 from spidar_gym.arrays import JointVector, Quaternion, RotorVector, Vector3, Vectoring
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT, ROTOR_SITES
+from spidar_gym.sim.actuators import STICKING, ActuatorConfig
 from spidar_gym.sim.config import NEEDS_RNG, PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.energy import CAPACITY_WH, USABLE
@@ -147,6 +148,7 @@ class Plant:
         self._limit_torque(memory.torque_limit)
         self._watch.enable(True)
         self._write_asymmetry()
+        memory.sticks = self._q.take(self._qpos[N_JOINTS:])
         self._write_play()
         mujoco.mj_forward(self.model, self.data)
         memory.in_contact = self.data.ncon > 0
@@ -392,12 +394,19 @@ class Plant:
             self.model.actuator_biasprm[self._joint_servos, 0] = -stiffness * memory.loose
 
     def _write_play(self) -> None:
-        """Write the play of the vectoring axes into MuJoCo's model; within it spring and damping exert no torque."""
-        play, kp = self.config.actuators.vectoring_backlash, self.config.actuators.vectoring_kp
-        if play > 0.0:
-            gap = self._a.take(self._act[_GIMBALS]) - self._q.take(self._qpos[N_JOINTS:])
-            self.model.actuator_biasprm[self._gimbal_servos, 0] = -kp * np.minimum(np.maximum(gap, -play), play)
-            self.model.actuator_biasprm[self._gimbal_servos, 2] = np.where(abs(gap) > play, -ROBOT.vectoring_kd, 0.0)
+        """Write play and dry friction of the vectoring axes into MuJoCo's model."""
+        c, memory = self.config.actuators, self.memory
+        if c.vectoring_backlash == c.vectoring_friction == 0.0:
+            return
+        q, play = self._q.take(self._qpos[N_JOINTS:]), c.vectoring_backlash
+        gap = self._a.take(self._act[_GIMBALS]) - q
+        torque = -c.vectoring_kp * np.clip(gap, -play, play)
+        if c.vectoring_friction > 0.0:
+            way = c.vectoring_friction / STICKING
+            memory.sticks = np.clip(memory.sticks, q - way, q + way)
+            torque += STICKING * (memory.sticks - q)
+        self.model.actuator_biasprm[self._gimbal_servos, 0] = torque
+        self.model.actuator_biasprm[self._gimbal_servos, 2] = np.where(abs(gap) >= play, -ROBOT.vectoring_kd, 0.0)
 
     def _sample_sensors(self) -> None:
         """Sample the sensors."""
@@ -421,13 +430,18 @@ class Plant:
         self.model.actuator_forcerange[self._joint_servos, 1] = bound
 
 
+def _has_play(config: ActuatorConfig) -> bool:
+    """Whether the vectoring axes have play or friction."""
+    return config.vectoring_backlash > 0.0 or config.vectoring_friction > 0.0
+
+
 EVENTS: tuple[Event[Plant], ...] = (
     Event("delivery", next_arrival, Plant._deliver_due_commands, lambda plant: True),
     Event("air", every(AIR_STEPS), Plant._update_air, lambda plant: plant._has_air),
     Event(
         "asymmetry", every(SERVO_STEPS), Plant._update_asymmetry, lambda plant: is_asymmetric(plant.config.actuators)
     ),
-    Event("play", every(1), Plant._write_play, lambda plant: plant.config.actuators.vectoring_backlash > 0.0),
+    Event("play", every(1), Plant._write_play, lambda plant: _has_play(plant.config.actuators)),
     Event("sensors", every(IMU_STEPS), Plant._sample_sensors, lambda plant: plant.memory.sensors is not None),
 )
 """Events between the physics steps, in order: delayed commands at 400 Hz at most, the air at 40 Hz, falling thrusts and

@@ -40,6 +40,8 @@ class PlantMemory:
     """Modules with a falling thrust."""
     loose: JointVector = field(default_factory=lambda: np.zeros(N_JOINTS))
     """Position of each joint within its play [rad]."""
+    sticks: np.ndarray = field(default_factory=lambda: np.zeros(2 * N_ROTORS))
+    """Angle at which dry friction holds each vectoring axis [rad]."""
     stuck: np.ndarray | None = None
     """Vectoring angles of the module with failed servos [rad]; None without such a failure."""
     power: float = 0.0

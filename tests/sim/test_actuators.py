@@ -12,7 +12,7 @@ from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.draws import to_numpy
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import JOINT_NAMES, ROBOT
-from spidar_gym.sim.actuators import ActuatorConfig
+from spidar_gym.sim.actuators import STICKING, ActuatorConfig
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.randomize import randomize
@@ -259,16 +259,19 @@ def mujoco_actuator(name: str) -> int:
 @pytest.mark.parametrize(("axis", "name"), list(enumerate(["gimbal3_roll", "gimbal3_pitch"])))
 def test_dry_friction_holds_a_vectoring_axis_below_its_breakaway_torque(axis, name):
     friction, kp = 0.1, ROBOT.vectoring_kp
-    for torque, holds in ((0.08, True), (0.13, False)):
-        away = loaded(floating(vectoring_friction=friction), name, torque, command(), 1.0).vectoring[2, axis]
-        # Beyond the friction, the servo's spring carries the rest.
-        assert abs(away) < 3e-4 if holds else away == pytest.approx((torque - friction) / kp, rel=0.2)
+    held, moved = (
+        loaded(floating(vectoring_friction=friction), name, torque, command(), 1.0).vectoring[2, axis]
+        for torque in (0.08, 0.13)
+    )
+    assert held == pytest.approx(0.08 / (kp + STICKING), rel=1e-3)
+    # Beyond the friction the servo's spring carries the rest; an axis with momentum stops a little farther.
+    assert (0.13 - friction) / kp < moved < 0.4 * 0.13 / kp
     plant = floating(vectoring_friction=friction)
     for wanted, least in ((0.9 * friction / kp, 0.0), (3.0 * friction / kp, 2.0 * friction / kp)):
         for _ in range(40):
             reached = plant.step(command(vectoring=wanted)).vectoring[2, axis]
         # An axis with momentum stops beyond the edge of the band in which friction holds it.
-        assert least - 0.05 * friction / kp < reached < least + 0.2 * friction / kp
+        assert least - 0.05 * friction / kp < reached < least + 0.3 * friction / kp
 
 
 def limp(joint: str) -> Command:

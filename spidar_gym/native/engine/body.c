@@ -79,7 +79,6 @@ void sp_write_actuators(const sp_world *world, const sp_actuator_config *c, doub
         if (j >= SP_JOINTS) {
             bias[1] = -c->vectoring_kp;
             bias[2] = -world->vectoring_kd;
-            sim->dof_frictionloss[world->joint_dof[j]] = c->vectoring_friction;
             continue;
         }
         sim->actuator_dynprm[GAINS * (SP_ROTORS + j) + 1] = joint_speed * c->joint_speed_factor * c->servo_speed[j];

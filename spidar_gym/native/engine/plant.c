@@ -55,18 +55,23 @@ static void write_asymmetry(const sp_sim *sim, const sp_plant *p)
             sim->actuator_biasprm[GAINS * (SP_ROTORS + j)] = -(c->joint_kp * c->servo_stiffness[j]) * p->loose[j];
 }
 
-/* Write the play of the vectoring axes into the model, in which spring and damping exert no torque. It is a function of
- * the state at the start of a physics step, so nothing of it is stored. */
-static void write_play(const sp_world *world, const sp_sim *sim, const sp_plant *p)
+/* Write play and dry friction of the vectoring axes into the model, for the next physics step. In the
+ * play, spring and damping exert no torque. The friction is a stiff spring between the axis and the angle at which it
+ * sticks, which the axis drags along once the spring carries the friction. A friction constraint of MuJoCo's would double
+ * the time of a step. */
+static void write_play(const sp_world *world, const sp_sim *sim, sp_plant *p)
 {
     const sp_actuator_config *c = &p->config.actuators;
-    double play = c->vectoring_backlash;
-    if (!(play > 0.0)) return;
+    double play = c->vectoring_backlash, friction = c->vectoring_friction, way = friction / SP_STICKING;
+    if (!(play > 0.0 || friction > 0.0)) return;
     for (int k = 0; k < 2 * SP_ROTORS; k++) {
-        double *bias = sim->actuator_biasprm + GAINS * (FIRST_GIMBAL + k);
-        double gap = sim->act[FIRST_GIMBAL + k] - sim->qpos[world->joint_qpos[SP_JOINTS + k]];
-        bias[0] = -c->vectoring_kp * sp_clip(gap, -play, play);
-        bias[2] = fabs(gap) > play ? -world->vectoring_kd : 0.0;
+        double *bias = sim->actuator_biasprm + GAINS * (FIRST_GIMBAL + k), q = sim->qpos[world->joint_qpos[SP_JOINTS + k]];
+        double gap = sim->act[FIRST_GIMBAL + k] - q;
+        bias[0] = play > 0.0 ? -c->vectoring_kp * sp_clip(gap, -play, play) : 0.0;
+        bias[2] = fabs(gap) >= play ? -world->vectoring_kd : 0.0;
+        if (!(friction > 0.0)) continue;
+        p->sticks[k] = sp_clip(p->sticks[k], q - way, q + way);
+        bias[0] += SP_STICKING * (p->sticks[k] - q);
     }
 }
 
@@ -268,9 +273,9 @@ void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *c
     dispatch(world, sim, command, p);
     sp_look_for_contacts(sim, !(p->clearance > SP_FASTEST * period));
     for (int k = 0; k < substeps && sp_is_somewhere(sim); k++) {
-        write_play(world, sim, p);
         sim->mujoco->step(sim->model, sim->data);
         p->clock++;
+        write_play(world, sim, p);
         if (boxed && *sim->contacts) p->hit = sp_max(p->hit, sp_hit(world, sim));
         if (p->pending_count) deliver(sim, p);
         if (p->has_air && p->clock % SP_AIR_STEPS == 0) {
@@ -336,6 +341,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     limit_torque(sim, p, limit);
     sp_look_for_contacts(sim, 1);
     write_asymmetry(sim, p);
+    for (int k = 0; k < 2 * SP_ROTORS; k++) p->sticks[k] = sim->qpos[world->joint_qpos[SP_JOINTS + k]];
     write_play(world, sim, p);
     sim->mujoco->forward(sim->model, sim->data);
     p->in_contact = *sim->contacts > 0;

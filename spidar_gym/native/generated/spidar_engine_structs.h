@@ -42,6 +42,7 @@
 #define SP_JET_NEAR 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.sim.air.NEAR */
 #define SP_JET_LEAST_THRUST 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.sim.air.LEAST_THRUST */
 #define SP_NOISE_BANDWIDTH 0x1.4000000000000p+3 /* 10.0, spidar_gym.sim.actuators.NOISE_BANDWIDTH */
+#define SP_STICKING 0x1.9000000000000p+5 /* 50.0, spidar_gym.sim.actuators.STICKING */
 #define SP_NEAR_LENGTH 0x1.0000000000000p+0 /* 1.0, spidar_gym.sim.recirculation.NEAR_LENGTH */
 static const double SP_WIND_LENGTH[3] = {0x1.7000000000000p+4, 0x1.7000000000000p+4, 0x1.8666666666666p+1};
 static const double SP_WIND_INTENSITY[3] = {0x1.916872b020c4ap-3, 0x1.916872b020c4ap-3, 0x1.999999999999ap-4};
@@ -338,6 +339,7 @@ typedef struct {
     double air_factor[16]; /* thrust of each duct over that in still air */
     int32_t falling[8]; /* whether the thrust of each module falls */
     double loose[16]; /* position of each joint within its play [rad] */
+    double sticks[16]; /* angle at which dry friction holds each vectoring axis [rad] */
     int32_t is_stuck; /* whether `stuck` is valid */
     double stuck[2]; /* vectoring angles of a module whose servos have failed [rad] */
     double power, energy_wh; /* [W], since the reset [Wh] */
