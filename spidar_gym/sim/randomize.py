@@ -96,6 +96,18 @@ OPTIONAL_ROWS: tuple[Row, ...] = (
     Row("actuators.vectoring_backlash", "set", 0.0, 0.01, "rad", CHOSEN),
     Row("actuators.vectoring_friction", "set", 0.0, 0.1, "Nm", CHOSEN),
     Row("actuators.battery_spent", "set", 0.0, 1.0, "1", "full to empty"),
+    Row("aero.stacking_loss", "set", 0.0, 0.1, "1", CHOSEN),
+    Row("recirculation.flow_xy", "set", 0.0, 0.04, "1", CHOSEN),
+    Row("recirculation.flow_z", "set", 0.0, 0.08, "1", CHOSEN),
+    Row("recirculation.turn_xy", "set", 0.0, 0.12, "1/m", CHOSEN),
+    Row("recirculation.turn_z", "set", 0.0, 0.04, "1/m", CHOSEN),
+    Row("recirculation.mean_flow", "add", -0.02, 0.02, "1", CHOSEN, (3,)),
+    Row("recirculation.mean_turn", "add", -0.02, 0.02, "1/m", CHOSEN, (3,)),
+    Row("recirculation.flow_seconds", "set", 0.5, 4.0, "s", CHOSEN),
+    Row("recirculation.turn_seconds", "set", 0.2, 2.0, "s", CHOSEN),
+    Row("recirculation.near", "set", 0.0, 2.0, "1", CHOSEN),
+    Row("sensors.position_drift", "set", 0.0, 0.005, "m", CHOSEN),
+    Row("sensors.rotation_drift", "set", 0.0, 0.02, "rad", CHOSEN),
 )
 """Parameters that are sampled, after those of `TABLE`, only if the user gives a range for them; a strength does not
 randomise them. `low` and `high` are suggestions."""
