@@ -264,7 +264,7 @@ RELATIONS: dict[str, tuple[tuple[str, Fits], ...]] = {
     "plant": (
         ("row has diverged or has a negative time", _is_somewhere),
         ("is_stuck without a lost rotor", lambda p: (p["is_stuck"] == 0) | (p["disturbances"]["lost_rotor"] > 0)),
-        ("vectoring_delay is too long",
+        ("vectoring_delay with the jitter is too long",
          lambda p: (p["delay"] <= p["vectoring_delay"])
          & (p["vectoring_delay"] + np.rint(p["config"]["actuators"]["jitter"] / TIMESTEP)
             <= (MAX_PENDING - 2) * p["config"]["substeps"].astype(np.int64))),

@@ -12,7 +12,7 @@ from spidar_gym.errors import SpidarError
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.payload import CARRIERS
 from spidar_gym.robot.spec import PARTS
-from spidar_gym.sim.randomize import TABLE
+from spidar_gym.sim.randomize import OPTIONAL_ROWS, TABLE
 
 pytestmark = pytest.mark.usefixtures("unchecked")
 
@@ -78,11 +78,11 @@ def toml(value):
 
 def ranges(rng):
     """Ranges of some fields of the randomisation, sometimes with a strength."""
-    found = {}
-    for k in rng.choice(len(TABLE), rng.integers(1, 4), replace=False).tolist():
+    found, rows = {}, (*TABLE, *OPTIONAL_ROWS)
+    for k in rng.choice(len(rows), rng.integers(1, 4), replace=False).tolist():
         ends = [near(rng, 1.0), near(rng, 1.0)]
         is_sorted = rng.random() < 0.8 and all(isinstance(end, float) for end in ends)
-        found[TABLE[k].field] = sorted(ends) if is_sorted else several(rng, [1.0, 1.0])
+        found[rows[k].field] = sorted(ends) if is_sorted else several(rng, [1.0, 1.0])
     return found | ({"strength": near(rng, 0.1)} if rng.random() < 0.3 else {})
 
 

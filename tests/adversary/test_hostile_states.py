@@ -107,9 +107,14 @@ def _far(r):
     r["plant"]["row"][:, 50] = 1e7
 
 
+def _late(r):
+    r["plant"]["config"]["actuators"]["jitter"] = 0.8
+
+
 @pytest.mark.parametrize(
     ("name", "change", "words"),
     [
+        (HOVER, _late, "plant.vectoring_delay with the jitter is too long"),
         (COURSE, _on_no_path, "manager.knot_count is 0 on a path"),
         (COURSE, _of_tiles, "course.gates do not fit into the boxes and tiles"),
         (CRAWL, _in_a_phase, "crawl.gait.phase is not one of the present step's"), (HOVER, _stuck, "plant.is_stuck"),

@@ -17,7 +17,7 @@ from spidar_gym.envs.registry import ENVIRONMENTS, import_id
 from spidar_gym.errors import UnknownNameError
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.randomize import TABLE
+from spidar_gym.sim.randomize import OPTIONAL_ROWS, TABLE
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 NAMES = list(ENVIRONMENTS)
@@ -148,9 +148,12 @@ def test_every_disturbance_is_documented_with_its_default_and_what_it_means(name
 @pytest.mark.parametrize("name", NAMES)
 def test_everything_that_is_randomised_is_documented_with_its_range_unit_and_source(name):
     rows = table(name, "Arguments", "Randomisation")
-    assert [row[0].strip("`") for row in rows] == [row.field for row in TABLE]
-    drawn = gymnasium.make(name, randomization=1.0).reset(seed=0)[1]["randomization"]
-    for (field, operation, distribution, unit, source), row in zip(rows, TABLE, strict=True):
+    rows += table(name, "Arguments", "Optional randomisation")
+    expected = (*TABLE, *OPTIONAL_ROWS)
+    assert [row[0].strip("`") for row in rows] == [row.field for row in expected]
+    ranges = {row.field: (row.low, row.high) for row in OPTIONAL_ROWS}
+    drawn = gymnasium.make(name, randomization={"strength": 1.0, **ranges}).reset(seed=0)[1]["randomization"]
+    for (field, operation, distribution, unit, source), row in zip(rows, expected, strict=True):
         part, attribute = field.strip("`").split(".")
         assert hasattr(getattr(PlantConfig(), part), attribute)
         low, high, count = re.fullmatch(r"U\(([-\d.]+), ([-\d.]+)\)(?: × (\d+))?", distribution).groups()

@@ -11,6 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from support.vectors import WORN
 
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
@@ -23,9 +24,7 @@ DRIVER = Path(__file__).with_name("driver.c")
 SANITIZERS = {"address": "-fsanitize=address,undefined", "thread": "-fsanitize=thread"}
 CASES = {
     "flight": (HOVER, {"forms": "narrow", "joint_speed": 1.0}),
-    "randomised flight": (HOVER, {
-        "randomization": 1.0, "sensors": True, "battery": True, "disturbances": {"wind": 2.0, "push": 20.0},
-    }),
+    "randomised flight": (HOVER, WORN),
     "crawl": (CRAWL, {"preset": "robust"}),
     "randomised crawl": (CRAWL, {"randomization": 1.0, "sensors": True}),
     "crawl on tiles": (CRAWL, {"steps": 0.01, "slope": 0.05}),

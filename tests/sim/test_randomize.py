@@ -15,7 +15,7 @@ from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.randomize import TABLE, Randomization, Row, check_strength, randomize
+from spidar_gym.sim.randomize import OPTIONAL_ROWS, TABLE, Randomization, Row, check_strength, randomize
 
 NOMINAL = PlantConfig()
 N_DRAWS = 2000
@@ -72,9 +72,10 @@ def many() -> dict[str, np.ndarray]:
 
 
 by_row = pytest.mark.parametrize("row", TABLE, ids=lambda row: row.field)
+by_any_row = pytest.mark.parametrize("row", [*TABLE, *OPTIONAL_ROWS], ids=lambda row: row.field)
 
 
-@by_row
+@by_any_row
 def test_a_row_has_an_operation_a_range_a_unit_and_a_source(row):
     nominal = np.asarray(value(NOMINAL, row), float)
     assert row.operation in OPERATIONS
@@ -90,7 +91,7 @@ def test_a_row_has_an_operation_a_range_a_unit_and_a_source(row):
 
 
 def test_no_field_has_two_rows():
-    assert len({row.field for row in TABLE}) == len(TABLE)
+    assert len({row.field for row in (*TABLE, *OPTIONAL_ROWS)}) == len(TABLE) + len(OPTIONAL_ROWS)
 
 
 def test_the_nominal_robot_is_within_every_range_except_for_the_delay():
@@ -98,7 +99,7 @@ def test_the_nominal_robot_is_within_every_range_except_for_the_delay():
     assert outside == {"actuators.delay"}
 
 
-@by_row
+@by_any_row
 def test_the_ends_of_a_range_are_valid(row):
     part, name = row.field.split(".")
     for end in (row.low, row.high):
@@ -369,6 +370,58 @@ def test_with_a_strength_the_other_fields_are_sampled_from_the_same_random_numbe
     assert 16.5 <= both["body.total_mass"] <= 17.0
     assert Randomization.parse(0.5) == Randomization(0.5)
     assert [Randomization.parse(how).draws for how in (0.0, 0.1, {}, own)] == [False, True, False, True]
+
+
+RANGES = {row.field: (row.low, row.high) for row in OPTIONAL_ROWS}
+
+
+def test_optional_rows_are_sampled_with_a_range_only_in_their_order_after_the_table_which_stays():
+    rng = np.random.default_rng
+    full, plain = Randomization.parse({"strength": 0.7, **RANGES}), Randomization.parse(0.7)
+    config, draws = randomize(NOMINAL, rng(3), full)
+    _, usual = randomize(NOMINAL, rng(3), plain)
+    assert list(draws) == [row.field for row in (*TABLE, *OPTIONAL_ROWS)]
+    assert list(usual) == [row.field for row in TABLE]
+    for name, draw in usual.items():
+        np.testing.assert_allclose(draws[name], draw, rtol=1e-12, atol=1e-15, err_msg=name)
+    for row in OPTIONAL_ROWS:
+        assert np.all((draws[row.field] >= row.low) & (draws[row.field] <= row.high))
+        np.testing.assert_array_equal(value(config, row), applied(row, value(NOMINAL, row), draws[row.field]))
+    few = dict(reversed(list(RANGES.items())[1:3]))
+    assert [row.field for row in Randomization.parse(few).rows[len(TABLE) :]] == list(RANGES)[1:3]
+
+
+def test_the_engine_draws_the_robot_that_python_draws_with_every_optional_row():
+    given = {"strength": 0.5, **RANGES}
+    env = made(randomization=given, forms="form1", perturbation=0.0)
+    info, rng = env.reset(seed=3)[1], np.random.default_rng(3)
+    rng.uniform(size=6)  # the initial offset
+    config, draws = randomize(PlantConfig(), rng, Randomization.parse(given))
+    assert list(info["randomization"]) == list(draws)
+    for name, draw in draws.items():
+        assert np.array_equal(info["randomization"][name], draw), name
+        assert np.array_equal(env.unwrapped.sampled_parameters[name], draw), name
+    assert same(env.unwrapped.plant.config.actuators, config.actuators)
+    assert env.np_random.random() == rng.random()
+    env.close()
+
+
+def test_a_vector_with_different_ranges_reports_the_values_of_each_robot():
+    env = gymnasium.make_vec("spidar_gym/Hover-v0", 3)
+    env.reset(seed=0)
+    speed, loss = "actuators.servo_speed", "actuators.loss"
+    each = [{"strength": 1.0, speed: (0.9, 0.95)}, {loss: (0.1, 0.2), speed: (1.1, 1.2)}, {"body.total_mass": (17, 18)}]
+    info = env.reset(options={"randomization": each})[1]["randomization"]
+    assert list(info) == [*(row.field for row in TABLE), speed, loss]
+    config = env.unwrapped.robots["plant"]["config"]
+    for name in ("actuators.joint_kp", "body.total_mass", loss):
+        part, own = name.split(".")
+        assert np.array_equal(info[name], config[part][own])
+    assert np.array_equal(info[speed], config["actuators"]["servo_speed"])
+    for factors, (low, high) in zip(info[speed], ((0.9, 0.95), (1.1, 1.2), (1.0, 1.0)), strict=True):
+        assert low <= factors.min() <= factors.max() <= high
+    assert info[loss].tolist() == [0.0, pytest.approx(0.15, abs=0.05), 0.0]
+    env.close()
 
 
 TOML = """
