@@ -24,7 +24,7 @@ from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
 from spidar_gym.robot import field_docs, source_doc
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.randomize import OPTIONAL_ROWS, TABLE, Row
+from spidar_gym.sim.rows import OPTIONAL_ROWS, TABLE, Row
 from spidar_gym.sim.violations import AT_LIMIT, BLOWN_FACTOR
 from spidar_gym.tasks import course as course_task
 from spidar_gym.tasks import crawl as crawl_task

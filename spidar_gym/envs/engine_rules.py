@@ -57,12 +57,15 @@ def common(
     check_delay(plant, {row.field: row.high for row in table} if strength > 0.0 else {})
     record["strength"], record["horizon"], record["truncates"] = strength, horizon, truncates
     record["autoreset"], record["draws"] = AUTORESETS.index(autoreset), len(table)
+    record["kinds"] = len(randomization.world.kinds) if randomization.world else 0
+    record["kind"] = randomization.kind
     layout = engine_layouts()["plant_config"]
     for row, draw in zip(record["draw"], table, strict=False):
         part, name = draw.field.split(".")
         row["at"] = _offset(layout, part) + _offset(layout[part], name)
         row["count"], row["operation"] = np.prod(draw.shape, dtype=int), OPERATIONS.index(draw.operation)
-        row["low"], row["high"] = draw.low, draw.high
+        ends = np.array(draw.kinds or [(draw.low, draw.high)])
+        row["is_log"], row["low"][: len(ends)], row["high"][: len(ends)] = draw.is_log, ends[:, 0], ends[:, 1]
 
 
 def _offset(layout: np.dtype[Any], name: Any) -> int:  # noqa: ANN401 - NumPy expects a literal

@@ -139,15 +139,16 @@ class SpidarEnv(
             self.end(max_episode_steps)
         self._randomization = Randomization.parse(randomization)
         self._disturbances = Disturbances.parse(disturbances)
+        world = self._randomization.world
         self._nominal = replace(
             nominal,
             joint_speed=joint_speed,
             idle_thrust=float(idle_thrust) or nominal.idle_thrust,
-            sense=bool(nominal.sense or sensors),
+            sense=bool(nominal.sense or sensors or (world and world.sensors)),
             aero=replace(nominal.aero, wake=bool(nominal.aero.wake and wake)),
             actuators=replace(nominal.actuators, battery=bool(nominal.actuators.battery or battery)),
         )
-        self._described = plant is None and not self._randomization.draws
+        self._described = (plant is None and not self._randomization.draws) or bool(world and not world.trimmed)
         self._control = control
         self.sampled_parameters: dict[str, np.ndarray] = {}
         """Sampled parameters of this episode's robot, by field of `PlantConfig`; empty without randomisation."""
@@ -229,8 +230,9 @@ class SpidarEnv(
 
     def _drawn(self, fleet: Fleet, robot: int) -> dict[str, np.ndarray]:
         """Return the sampled parameters of a robot of a fleet of this environment."""
-        numbers = fleet.robots[robot]["episode"]["drawn"]
-        return drawn(numbers, self._randomization.rows) if self.is_drawn else {}
+        episode = fleet.robots[robot]["episode"]
+        kind = {"kind": np.array(episode["kind"])} if self._randomization.world else {}
+        return kind | drawn(episode["drawn"], self._randomization.rows) if self.is_drawn else {}
 
     @property
     def progress(self) -> ProgressT:

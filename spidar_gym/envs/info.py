@@ -9,7 +9,8 @@ import numpy as np
 
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.native.library import STATUS
-from spidar_gym.sim.randomize import OPTIONAL_ROWS, TABLE, Randomization, Row
+from spidar_gym.sim.randomize import Randomization
+from spidar_gym.sim.rows import TABLE, Row
 
 
 def drawn(numbers: np.ndarray, rows: Iterable[Row] = TABLE) -> dict[str, np.ndarray]:
@@ -113,26 +114,30 @@ class Draws:
         """
         self.mask = np.array([each.draws for each in given])
         """Which robots are randomised (N,)."""
+        self._of_world = np.array([each.world is not None for each in given])
         self._groups: dict[tuple[Row, ...], list[int]] = {}
         for k, each in enumerate(given):
-            self._groups.setdefault(each.rows[len(TABLE) :], []).append(k)
-        self._rows = (*TABLE, *(row for row in OPTIONAL_ROWS if any(row in own for own in self._groups)))
+            self._groups.setdefault(each.rows, []).append(k)
+        self._rows = {row.field: row for own in self._groups for row in own}
 
     def of(self, fleet: Fleet) -> dict[str, np.ndarray]:
         """Return the sampled parameters of all robots by field of `PlantConfig` (N, …); empty without randomisation.
 
-        A parameter that is sampled for other robots only has the value without effect.
+        A parameter that is sampled for other robots only has the value without effect. `kind` is the index of a kind of
+        the calibrated world, −1 for robots without one.
         """
         if not self.mask.any():
             return {}
-        numbers = fleet.robots["episode"]["drawn"]
+        numbers, kinds = fleet.robots["episode"]["drawn"], fleet.robots["episode"]["kind"]
+        kind = {"kind": np.where(self._of_world, kinds, -1)} if self._of_world.any() else {}
         if len(self._groups) == 1:
-            return drawn(numbers, self._rows)
-        found = {row.field: _unsampled(row, fleet.robots["plant"]["config"]) for row in self._rows}
+            return kind | drawn(numbers, self._rows.values())
+        configs = fleet.robots["plant"]["config"]
+        found = {field: _unsampled(row, configs) for field, row in self._rows.items()}
         for own, ids in self._groups.items():
-            for field, values in drawn(numbers[ids], (*TABLE, *own)).items():
+            for field, values in drawn(numbers[ids], own).items():
                 found[field][ids] = values
-        return found
+        return kind | found
 
 
 def _unsampled(row: Row, configs: np.ndarray) -> np.ndarray:

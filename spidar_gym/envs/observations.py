@@ -22,7 +22,7 @@ from spidar_gym.robot import N_JOINTS, N_ROTORS, RobotSpec
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import FAULTS
 from spidar_gym.sim.energy import CAPACITY_WH, USABLE
-from spidar_gym.sim.randomize import TABLE, Row
+from spidar_gym.sim.rows import TABLE, Row
 
 OBSERVATIONS = {
     "vector": "one vector of values available on the real robot",

@@ -34,6 +34,7 @@ from spidar_gym.sim import (
 )
 from spidar_gym.sim.air import N_DUCTS
 from spidar_gym.sim.ground import BOXES, STAIR_ROW, STAIR_ROWS, STAIRS, TERRAINS, TILES
+from spidar_gym.sim.worlds import MAX_KINDS
 from spidar_gym.state import IMU_SAMPLES
 
 AIR_STEPS = 10
@@ -223,7 +224,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
     )),
     CStruct("draw", "A randomised number of a plant's configuration, or a range of them.", (
         ("at count operation", "i4", (), "byte offset in the configuration; how many; sp_operation"),
-        ("low high", "f8", (), "limits of the uniform distribution at strength 1"),
+        ("is_log", "i4", (), "whether the logarithm is uniform"),
+        ("low high", "f8", (MAX_KINDS,), "limits of the distribution at strength 1 for each kind of robots"),
     )),
     CStruct("action_mode", "Meaning of the entries of an action.", (
         ("size is_direct channels", "i4", (), "entries; whether they bypass the controller; bits of sp_channel"),
@@ -235,10 +237,11 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("mode", "action_mode", (), ""),
         ("bound", "f8", (MAX_OBSERVATION,), "of each number of the observation"),
         ("size", "i4", (), "of the observation"),
-        ("is_described", "i4", (), "whether every robot is the described one, so that a hover needs no trim"),
+        ("is_described", "i4", (), "whether integrals begin at zero, as a described robot needs no trim"),
         ("draws", "i4", (), "number of valid entries of `draw`"),
         ("draw", "draw", (MAX_DRAWS,), "in the order of the draws"),
         ("strength", "f8", (), "of the randomisation, 0 … 1"),
+        ("kinds kind", "i4", (), "number of kinds of robots, 0 for one; the given kind, −1 for a sampled one"),
         ("horizon", "i8", (), "ticks of an episode, after which success is evaluated"),
         ("truncates autoreset", "i4", (), "whether the episode ends at the horizon; sp_autoreset"),
         ("is_commanded is_referred", "i4", (), "whether commands come from Python; whether references do"),
@@ -279,6 +282,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("ticks", "i8", (), "since the reset", COUNT),
         ("failure", "i4", (), "reason for the end of the episode, or −1", CODE),
         ("truncated over", "i4", (), "whether the horizon is reached; whether the next step is a reset", FLAG),
+        ("kind", "i4", (), "of the robot, in a calibrated world", (0, MAX_KINDS - 1)),
         ("drawn", "f8", (DRAWN_NUMBERS,), "randomised numbers of the robot, in the order of the draws"),
     )),
     CStruct("hover_robot", "A robot in flight: plant, controller and task.", (

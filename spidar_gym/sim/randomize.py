@@ -3,7 +3,6 @@
 The controller keeps the nominal parameters; the mismatch is intended.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,104 +12,13 @@ import numpy as np
 
 from spidar_gym.border import BorderError, read_toml
 from spidar_gym.errors import InvalidValueError, SpidarError, is_finite, require_name
-from spidar_gym.robot import N_JOINTS, N_LINKS, N_ROTORS, ROBOT, RobotSpec
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sim.config import PlantConfig
-
-
-@dataclass(frozen=True)
-class Row:
-    """A randomised parameter."""
-
-    field: str
-    """Field of `PlantConfig`, `part.name`."""
-    operation: str
-    """`set`: the sample replaces the nominal value; `scale`: it multiplies it; `add`: it is added."""
-    low: float
-    """Least value at strength 1."""
-    high: float
-    """Largest value at strength 1; samples are uniform between both."""
-    unit: str
-    """Unit of the sample."""
-    source: str
-    """Source of the range."""
-    shape: tuple[int, ...] = ()
-    """Shape of the independent samples; () is one number for all."""
-
-    @property
-    def distribution(self) -> str:
-        """Distribution in words."""
-        return f"U({self.low:.4g}, {self.high:.4g})" + (f" × {math.prod(self.shape)}" if self.shape else "")
-
+from spidar_gym.sim.rows import OPTIONAL_ROWS, TABLE, Row
+from spidar_gym.sim.worlds import World, find_world, read_world
 
 MOST_BYTES = 2**16
 """Largest size of a file of ranges [bytes]."""
-CRAWL = "estimate, crawl study"
-PHYSICS = "estimate, flight study"
-TABLE: tuple[Row, ...] = (
-    # Body and ground.
-    Row("body.total_mass", "set", 15.2, 16.4, "kg", "[JSK] sum of the parts; estimate"),
-    Row("body.link_mass", "scale", 0.90, 1.10, "1", PHYSICS, (N_LINKS,)),
-    Row("body.link_com", "add", -0.01, 0.01, "m", PHYSICS, (N_LINKS, 3)),
-    Row("body.torso_com", "add", -0.02, 0.02, "m", PHYSICS, (3,)),
-    Row("body.inertia", "scale", 0.85, 1.15, "1", PHYSICS, (N_LINKS,)),
-    Row("body.foot_friction", "set", 0.5, 1.2, "1", CRAWL),
-    Row("body.peg_friction", "set", 0.2, 0.8, "1", CRAWL),
-    # Rotors.
-    Row("actuators.thrust_gain", "scale", 0.9, 1.1, "1", CRAWL),
-    Row("actuators.module_gain", "scale", 0.95, 1.05, "1", CRAWL, (N_ROTORS,)),
-    Row("actuators.duct_imbalance", "add", -0.05, 0.05, "1", PHYSICS, (N_ROTORS,)),
-    Row("actuators.thrust_tilt", "add", -math.radians(1.5), math.radians(1.5), "rad", PHYSICS, (N_ROTORS, 2)),
-    Row("actuators.thrust_offset", "add", -0.003, 0.003, "m", PHYSICS, (N_ROTORS, 2)),
-    Row("actuators.max_thrust", "set", 31.8, RobotSpec.max_thrust, "N", "[JSK], empty to full pack"),
-    Row("actuators.thrust_lag", "set", 0.010, 0.060, "s", CRAWL),
-    Row("actuators.spin_down", "set", 0.5, 1.2, "1", PHYSICS),
-    Row("actuators.thrust_noise", "set", 0.0, 0.3, "N", PHYSICS),
-    # Servos.
-    Row("actuators.joint_kp", "set", 80.0, 300.0, "Nm/rad", CRAWL),
-    Row("actuators.servo_stiffness", "scale", 0.85, 1.15, "1", CRAWL, (N_JOINTS,)),
-    Row("actuators.max_joint_torque", "set", 5.5, 8.0, "Nm", CRAWL),
-    Row("actuators.joint_speed_factor", "set", 0.9, 1.1, "1", CRAWL),
-    Row("actuators.joint_friction", "set", 0.0, 0.5, "Nm", PHYSICS),
-    Row("actuators.joint_damping", "set", 0.3, 2.0, "Nm s/rad", PHYSICS),
-    Row("actuators.backlash", "set", 0.0, 0.01, "rad", PHYSICS),
-    Row("actuators.joint_offset", "add", -0.02, 0.02, "rad", PHYSICS, (N_JOINTS,)),
-    Row("actuators.vectoring_kp", "scale", 0.75, 1.25, "1", PHYSICS),
-    Row("actuators.vectoring_offset", "add", -0.01, 0.01, "rad", PHYSICS, (N_ROTORS, 2)),
-    # Delay, air, sensors.
-    Row("actuators.delay", "set", 0.005, 0.040, "s", PHYSICS),
-    Row("actuators.vectoring_delay", "set", 0.0, 0.015, "s", PHYSICS),
-    Row("aero.zero_thrust_speed", "set", 2.1, 3.2, "1", PHYSICS),
-    Row("aero.core_length", "set", 3.25, 6.2, "D", PHYSICS),
-    Row("aero.duct_drag_area", "set", 0.0, 0.004, "m²", PHYSICS),
-    Row("aero.ground_effect", "set", -1.0, 3.0, "1", PHYSICS),
-    Row("sensors.latency", "set", 0.005, 0.030, "s", PHYSICS),
-    Row("sensors.factor", "set", 0.5, 1.5, "1", "estimate"),
-)
-"""Randomised parameters of the nominal robot, for flight and ground; nominal values are the fields' defaults."""
-CHOSEN = "chosen"
-OPTIONAL_ROWS: tuple[Row, ...] = (
-    Row("actuators.joint_kd", "set", 0.5, 8.9, "Nm s/rad", "chosen; at 1 legs and yaw waver as in the paper's crawl"),
-    Row("actuators.servo_speed", "scale", 0.85, 1.15, "1", "chosen; the paper's legs move unequally", (N_JOINTS,)),
-    Row("actuators.jitter", "set", 0.0, 0.010, "s", CHOSEN),
-    Row("actuators.loss", "set", 0.0, 0.05, "1", CHOSEN),
-    Row("actuators.vectoring_backlash", "set", 0.0, 0.01, "rad", CHOSEN),
-    Row("actuators.vectoring_friction", "set", 0.0, 0.1, "Nm", CHOSEN),
-    Row("actuators.battery_spent", "set", 0.0, 1.0, "1", "full to empty"),
-    Row("aero.stacking_loss", "set", 0.0, 0.1, "1", CHOSEN),
-    Row("recirculation.flow_xy", "set", 0.0, 0.04, "1", CHOSEN),
-    Row("recirculation.flow_z", "set", 0.0, 0.08, "1", CHOSEN),
-    Row("recirculation.turn_xy", "set", 0.0, 0.12, "1/m", CHOSEN),
-    Row("recirculation.turn_z", "set", 0.0, 0.04, "1/m", CHOSEN),
-    Row("recirculation.mean_flow", "add", -0.02, 0.02, "1", CHOSEN, (3,)),
-    Row("recirculation.mean_turn", "add", -0.02, 0.02, "1/m", CHOSEN, (3,)),
-    Row("recirculation.flow_seconds", "set", 0.5, 4.0, "s", CHOSEN),
-    Row("recirculation.turn_seconds", "set", 0.2, 2.0, "s", CHOSEN),
-    Row("recirculation.near", "set", 0.0, 2.0, "1", CHOSEN),
-    Row("sensors.position_drift", "set", 0.0, 0.005, "m", CHOSEN),
-    Row("sensors.rotation_drift", "set", 0.0, 0.02, "rad", CHOSEN),
-)
-"""Parameters that are sampled, after those of `TABLE`, only if the user gives a range for them; a strength does not
-randomise them. `low` and `high` are suggestions."""
 
 
 def _of(row: Row, robot: RobotSpec) -> Row:
@@ -130,6 +38,10 @@ class Randomization:
     """Strength 0 … 1; a sample x of the table becomes x₀ + strength (x − x₀), x₀ being the value without effect."""
     ranges: tuple[tuple[str, float, float], ...] = ()
     """Custom ranges (field, low, high) that replace the table's, independently of the strength."""
+    world: World | None = None
+    """Calibrated world, whose rows are sampled instead."""
+    kind: int = -1
+    """Index of the kind of the world's robots; −1 if each episode samples one."""
 
     @classmethod
     def parse(cls, given: "float | str | Path | Mapping[str, Any] | Randomization") -> "Randomization":
@@ -137,17 +49,26 @@ class Randomization:
 
         Args:
             given: A strength; or ranges by field, `{"body.total_mass": (15.5, 17.0)}`, with `strength` for all others
-                of `TABLE`, 0 by default; or a TOML file of these, in which a field may be in the table of its part.
+                of `TABLE`, 0 by default; or a TOML file of these, in which a field may be in the table of its part; or
+                a calibrated world by name or file, `calibrated_1`, or one kind of its robots,
+                `calibrated_1:wake-damped`.
 
         Raises:
-            UnknownNameError: For a field that is in neither table; it lists the valid ones.
+            UnknownNameError: For a field that is in neither table, a world or a kind that does not exist; it lists the
+                valid ones.
             InvalidValueError: For an invalid strength or range, or a range with values that no robot can have.
             SpidarError: For a file that cannot be read, or is not TOML.
         """
         if isinstance(given, Randomization):
             return given
         if isinstance(given, str | Path):
-            given = _read(Path(given))
+            place, kind = _place(given)
+            if not place.suffix and not place.is_file():
+                return cls._of_world(find_world(str(place)), kind)
+            content = _read(place)
+            if "mixtures" in content or kind:
+                return cls._of_world(_read_world(place), kind)
+            given = content
         if not isinstance(given, Mapping):
             check_strength(given)
             return cls(float(given))
@@ -156,14 +77,30 @@ class Randomization:
         check_strength(strength)
         return cls(float(strength), tuple(_range(name, value) for name, value in rest.items()))
 
+    @classmethod
+    def _of_world(cls, world: World, kind: str) -> "Randomization":
+        """Return the randomisation of a world, of one kind if it is named."""
+        if kind:
+            require_name("kind of robots", kind, world.kinds)
+        return cls(world=world, kind=world.kinds.index(kind) if kind else -1)
+
+    @property
+    def name(self) -> str:
+        """Name of the calibrated world, with the kind if it is given; empty without a world."""
+        if self.world is None:
+            return ""
+        return self.world.name if self.kind < 0 else f"{self.world.name}:{self.world.kinds[self.kind]}"
+
     @property
     def draws(self) -> bool:
         """Whether anything is randomised."""
-        return self.strength > 0.0 or bool(self.ranges)
+        return self.strength > 0.0 or bool(self.ranges) or self.world is not None
 
     @property
     def rows(self) -> tuple[Row, ...]:
         """Rows of the nominal robot that are sampled, in order: `TABLE`, and the optional ones with a range."""
+        if self.world is not None:
+            return self.world.rows
         own = {name for name, _, _ in self.ranges}
         return (*TABLE, *(row for row in OPTIONAL_ROWS if row.field in own)) if own else TABLE
 
@@ -172,7 +109,14 @@ class Randomization:
 
         Args:
             nominal: The nominal robot.
+
+        Raises:
+            InvalidValueError: For a calibrated world and another robot.
         """
+        if self.world is not None:
+            if nominal.robot != ROBOT:
+                raise InvalidValueError("randomization", self.name, "a strength or ranges for a robot of another spec")
+            return 1.0, self.rows
         table = self.rows if nominal.robot == ROBOT else tuple(_of(row, nominal.robot) for row in self.rows)
         if not self.ranges:
             return self.strength, table
@@ -192,6 +136,24 @@ def _neutral(row: Row, nominal: PlantConfig) -> Any:  # noqa: ANN401 - a number,
     """Return the value without effect."""
     part, name = row.field.split(".")
     return {"set": getattr(getattr(nominal, part), name), "scale": 1.0, "add": 0.0}[row.operation]
+
+
+def _place(given: str | Path) -> tuple[Path, str]:
+    """Split a user's argument into the name or file of a world, or the file of ranges, and the name of a kind."""
+    place, _, kind = str(given).rpartition(":")
+    return (Path(place), kind) if place and not {*kind} & {*"/\\."} else (Path(given), "")
+
+
+def _read_world(path: Path) -> World:
+    """Read a world of a user's, whose robots must be valid."""
+    try:
+        world = read_world(path)
+        for row in world.rows:
+            for end in (row.low, row.high):
+                _with(PlantConfig(), {row.field: (row, end)})
+    except SpidarError as error:
+        raise SpidarError(f"randomization: {path} is no world: {error}; valid: as assets/worlds/*.toml") from error
+    return world
 
 
 def _read(path: Path) -> Mapping[str, Any]:
@@ -257,12 +219,22 @@ def randomize(
     Raises:
         InvalidValueError: For a strength outside 0 … 1.
     """
-    strength, table = Randomization.parse(how).table(nominal)
+    how = Randomization.parse(how)
+    strength, table = how.table(nominal)
+    kind = sample_kind(how, rng)
     draws = {}
     for row in table:
         neutral = _neutral(row, nominal)
-        draws[row.field] = row, neutral + strength * (rng.uniform(row.low, row.high, row.shape) - neutral)
+        draws[row.field] = row, neutral + strength * (row.sample(rng, kind) - neutral)
     return _with(nominal, draws), {field: np.array(draw) for field, (_, draw) in draws.items()}
+
+
+def sample_kind(how: Randomization, rng: np.random.Generator) -> int:
+    """Sample the kind of a world's robot; a given kind consumes the same numbers."""
+    if how.world is None:
+        return 0
+    drawn = int(rng.integers(len(how.world.kinds)))
+    return drawn if how.kind < 0 else how.kind
 
 
 def check_strength(strength: object) -> None:

@@ -17,7 +17,7 @@ from spidar_gym.envs.registry import ENVIRONMENTS, import_id
 from spidar_gym.errors import UnknownNameError
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
-from spidar_gym.sim.randomize import OPTIONAL_ROWS, TABLE
+from spidar_gym.sim.rows import OPTIONAL_ROWS, TABLE
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 NAMES = list(ENVIRONMENTS)

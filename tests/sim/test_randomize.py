@@ -15,7 +15,8 @@ from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.randomize import OPTIONAL_ROWS, TABLE, Randomization, Row, check_strength, randomize
+from spidar_gym.sim.randomize import Randomization, check_strength, randomize
+from spidar_gym.sim.rows import OPTIONAL_ROWS, TABLE, Row
 
 NOMINAL = PlantConfig()
 N_DRAWS = 2000

@@ -189,7 +189,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     if (!c->is_given) sp_draw_course(rules, &episode->generator, &c->course);
     if (rules->charge[0] < rules->charge[1]) charge = between(&episode->generator, rules->charge);
     build(&c->course, config.ground.boxes);
-    if (rules->rules.strength > 0.0) sp_draw_robot(&rules->rules, &episode->generator, &config, episode->drawn);
+    if (rules->rules.strength > 0.0) sp_draw_robot(&rules->rules, &episode->generator, &config, episode);
     sp_become(e, thread, robot, &config);
     sp_manager_init(numbers, &c->manager, &rules->manager);
     /* A separate generator, so that draws of the weather do not change the next episode. */

@@ -154,7 +154,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     e->begun[robot] = 1;
     sp_draw_way(rules, &episode->generator, INT64_MAX, &c->way);
     if (draws_floor) draw_floor(rules, &episode->generator, config.ground.tiles);
-    if (rules->rules.strength > 0.0) sp_draw_robot(&rules->rules, &episode->generator, &config, episode->drawn);
+    if (rules->rules.strength > 0.0) sp_draw_robot(&rules->rules, &episode->generator, &config, episode);
     if (draws_floor || rules->rules.strength > 0.0) sp_become(e, thread, robot, &config);
     else sp_put_down(e, thread, robot, &config);
     sp_crawl_init(numbers, &c->crawl, &rules->controller);

@@ -1,15 +1,27 @@
 /* What flights, crawls and courses share of an episode: randomised robots, actions, observed state, `info`. */
 #include "episode.h"
 
-/* Randomise a configuration for this episode; the number of draws does not depend on the strength. */
-void sp_draw_robot(const sp_rules *rules, sp_generator *generator, sp_plant_config *config, double *drawn)
+/* Sample a number of a row for a kind of robots. */
+static double sample(const sp_draw *row, int32_t kind, sp_generator *generator)
 {
+    double low = row->low[kind], high = row->high[kind];
+    if (!row->is_log) return sp_uniform(generator, low, high);
+    double drawn = sp_uniform(generator, log(low), log(high));
+    return low == high ? low : exp(drawn);
+}
+
+/* Randomise a configuration for this episode; the number of draws depends neither on the strength nor on the kind. */
+void sp_draw_robot(const sp_rules *rules, sp_generator *generator, sp_plant_config *config, sp_episode *episode)
+{
+    double *drawn = episode->drawn;
+    episode->kind = rules->kinds > 0 ? (int32_t)sp_integer(generator, 0, rules->kinds) : 0;
+    if (rules->kinds > 0 && rules->kind >= 0) episode->kind = rules->kind;
     for (int k = 0; k < rules->draws; k++) {
         const sp_draw *row = &rules->draw[k];
         double *value = (double *)((char *)config + row->at);
         for (int i = 0; i < row->count; i++) {
             double neutral = row->operation == SP_DRAW_SET ? value[i] : row->operation == SP_DRAW_SCALE ? 1.0 : 0.0;
-            double draw = neutral + rules->strength * (sp_uniform(generator, row->low, row->high) - neutral);
+            double draw = neutral + rules->strength * (sample(row, episode->kind, generator) - neutral);
             *drawn++ = draw;
             value[i] = row->operation == SP_DRAW_SET ? draw : row->operation == SP_DRAW_SCALE ? value[i] * draw
                                                                                               : value[i] + draw;

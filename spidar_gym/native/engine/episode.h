@@ -4,7 +4,7 @@
 
 #include "engine.h"
 
-void sp_draw_robot(const sp_rules *rules, sp_generator *generator, sp_plant_config *config, double *drawn);
+void sp_draw_robot(const sp_rules *rules, sp_generator *generator, sp_plant_config *config, sp_episode *episode);
 void sp_charge(double charge, sp_plant *plant);
 void sp_first_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_episode *episode);
 void sp_look(const sp_robot *robot, const sp_rules *rules, sp_plant *plant, sp_episode *episode);

@@ -254,7 +254,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     h->position_sum = h->attitude_sum = 0.0;
     if (rules->rules.strength > 0.0) {
         config = rules->rules.plant;
-        sp_draw_robot(&rules->rules, &episode->generator, &config, episode->drawn);
+        sp_draw_robot(&rules->rules, &episode->generator, &config, episode);
         sp_become(e, thread, robot, &config);
     } else {
         sp_put_down(e, thread, robot, &rules->rules.plant);

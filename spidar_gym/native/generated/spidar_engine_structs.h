@@ -357,7 +357,8 @@ typedef struct {
 /* A randomised number of a plant's configuration, or a range of them. */
 typedef struct {
     int32_t at, count, operation; /* byte offset in the configuration; how many; sp_operation */
-    double low, high; /* limits of the uniform distribution at strength 1 */
+    int32_t is_log; /* whether the logarithm is uniform */
+    double low[8], high[8]; /* limits of the distribution at strength 1 for each kind of robots */
 } sp_draw;
 
 /* Meaning of the entries of an action. */
@@ -373,10 +374,11 @@ typedef struct {
     sp_action_mode mode;
     double bound[512]; /* of each number of the observation */
     int32_t size; /* of the observation */
-    int32_t is_described; /* whether every robot is the described one, so that a hover needs no trim */
+    int32_t is_described; /* whether integrals begin at zero, as a described robot needs no trim */
     int32_t draws; /* number of valid entries of `draw` */
     sp_draw draw[64]; /* in the order of the draws */
     double strength; /* of the randomisation, 0 … 1 */
+    int32_t kinds, kind; /* number of kinds of robots, 0 for one; the given kind, −1 for a sampled one */
     int64_t horizon; /* ticks of an episode, after which success is evaluated */
     int32_t truncates, autoreset; /* whether the episode ends at the horizon; sp_autoreset */
     int32_t is_commanded, is_referred; /* whether commands come from Python; whether references do */
@@ -421,6 +423,7 @@ typedef struct {
     int64_t ticks; /* since the reset */
     int32_t failure; /* reason for the end of the episode, or −1 */
     int32_t truncated, over; /* whether the horizon is reached; whether the next step is a reset */
+    int32_t kind; /* of the robot, in a calibrated world */
     double drawn[256]; /* randomised numbers of the robot, in the order of the draws */
 } sp_episode;
 

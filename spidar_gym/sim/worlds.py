@@ -1,0 +1,135 @@
+"""Calibrated worlds: files of kinds of robots, from which the randomisation samples an episode's robot.
+
+A world has mixtures, which explain the real robot's errors by different causes, and variants of the robot's hardware. A
+kind is a pair of both. An episode samples a kind, then the numbers of the kind's ranges.
+"""
+
+import hashlib
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from spidar_gym.border import BorderError, read_file, require_form
+from spidar_gym.committed import ROOT
+from spidar_gym.errors import SpidarError, StaleAssetError, UnknownNameError
+from spidar_gym.sim.rows import OPTIONAL_ROWS, ORIGINS, TABLE, Row
+
+FOLDER = ROOT / "assets" / "worlds"
+"""Folder of the committed worlds."""
+PINS = "SHA256SUMS"
+"""File with the hash of every world in the folder."""
+MOST_BYTES, MAX_KINDS = 2**16, 8
+"""Largest size of a file [bytes], and largest number of kinds."""
+EVERY = "all"
+"""Name of a range of all kinds."""
+FORM = {
+    "doc": str, "sensors": bool, "trimmed": bool, "mixtures": {str: str}, "variants": {str: str},
+    "row": [{"field": str, "origin": str, "source": str, "log": bool, "ranges": {str: [float, float]}}],
+}  # fmt: skip
+"""Form of a file."""
+
+
+@dataclass(frozen=True)
+class World:
+    """A calibrated world."""
+
+    name: str
+    """Name with its version, as `calibrated_1`."""
+    doc: str
+    """Description."""
+    digest: str
+    """SHA-256 of the file."""
+    sensors: bool
+    """Whether the controller receives the estimate from simulated sensors."""
+    trimmed: bool
+    """Whether a flight's integrals begin with the values that the robot needs at rest; else they begin at zero."""
+    mixtures: tuple[tuple[str, str], ...]
+    """Name and description of each mixture of causes."""
+    variants: tuple[tuple[str, str], ...]
+    """Name and description of each variant of the hardware."""
+    rows: tuple[Row, ...]
+    """Sampled parameters."""
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Names of the kinds, `mixture-variant`."""
+        return tuple(f"{m}-{v}" for (m, _), (v, _) in product(self.mixtures, self.variants))
+
+
+def world_names() -> list[str]:
+    """Return the names of the committed worlds."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+@cache
+def find_world(name: str) -> World:
+    """Return a committed world by its name.
+
+    Raises:
+        UnknownNameError: For a name that does not exist; it lists the valid ones.
+        StaleAssetError: For a file that differs from its pinned hash, or is not valid.
+    """
+    if name not in world_names():
+        raise UnknownNameError("world", name, world_names())
+    path = FOLDER / f"{name}.toml"
+    try:
+        world = read_world(path)
+        pins = read_file(FOLDER / PINS, MOST_BYTES).decode("utf-8", "replace").splitlines()
+        if f"{world.digest}  {path.name}" not in pins:
+            raise BorderError("not the pinned one")
+    except SpidarError as error:
+        raise StaleAssetError(path, "git checkout", str(error)) from error
+    return world
+
+
+def read_world(path: Path) -> World:
+    """Read a world from its file (`BorderError` for a file that cannot be read, or is no world)."""
+    data = read_file(path, MOST_BYTES).replace(b"\r\n", b"\n")  # Git may check out CRLF
+    try:
+        content = tomllib.loads(data.decode())
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise BorderError(f"no TOML: {error!s:.99}") from error
+    require_form(content, FORM, path.stem)
+    mixtures, variants = tuple(content["mixtures"].items()), tuple(content["variants"].items())
+    kinds = list(product(content["mixtures"], content["variants"]))
+    if not 0 < len(kinds) <= MAX_KINDS:
+        raise BorderError(f"{len(kinds)} pairs of a mixture and a variant, not 1 … {MAX_KINDS}")
+    names = [*content["mixtures"], *content["variants"], EVERY]
+    if len({*names}) < len(names):
+        raise BorderError(f"a mixture and a variant, or one of them and {EVERY}, have the same name")
+    rows = tuple(_row(entry, kinds, names) for entry in content["row"])
+    fields = [row.field for row in rows]
+    if twice := [name for name in fields if fields.count(name) > 1]:
+        raise BorderError(f"two rows of {twice[0]}")
+    digest = hashlib.sha256(data).hexdigest()
+    return World(path.stem, content["doc"], digest, content["sensors"], content["trimmed"], mixtures, variants, rows)
+
+
+def _row(entry: Mapping[str, Any], kinds: list[tuple[str, str]], names: list[str]) -> Row:
+    """Read a row; its ranges are named by mixture, by variant, or `EVERY`."""
+    known = {row.field: row for row in (*TABLE, *OPTIONAL_ROWS)}
+    field, given, origin = entry["field"], entry["ranges"], entry["origin"]
+    if field not in known:
+        raise BorderError(f"a row of {field!r:.60}; valid: {', '.join(known)}")
+    if origin not in ORIGINS:
+        raise BorderError(f"{field}: origin {origin!r:.40}; valid: {', '.join(ORIGINS)}")
+    if odd := [name for name in given if name not in names]:
+        raise BorderError(f"{field}: a range of {odd[0]!r:.40}; valid: {', '.join(names)}")
+    ranges = []
+    for kind in kinds:
+        own = [given[name] for name in (*kind, EVERY) if name in given]
+        if len(own) != 1:
+            raise BorderError(f"{field}: {len(own)} ranges of {'-'.join(kind)}, not one")
+        low, high = map(float, own[0])
+        least = 0.0 if entry["log"] else -math.inf
+        if not (least < low <= high < math.inf):
+            raise BorderError(f"{field}: {own[0]}, not a range [low, high]" + (" above 0" if entry["log"] else ""))
+        ranges.append((low, high))
+    low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
+    own = {"low": low, "high": high, "source": entry["source"], "origin": origin}
+    return replace(known[field], **own, is_log=entry["log"], kinds=tuple(ranges))
