@@ -27,6 +27,7 @@ from spidar_gym.errors import require_instance
 from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.structs import fill
 from spidar_gym.robot import N_LEGS
+from spidar_gym.sim.randomize import Randomization
 from spidar_gym.tasks.crawl import SHORTFALLS, CrawlTask
 
 
@@ -72,6 +73,9 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         """
         described = described_robot(options)
         task, shared = make_task(SpidarEnv, CrawlEnv, self.task_type, options)
+        shared["randomization"] = randomization = Randomization.parse(shared.get("randomization", 0.0))
+        if randomization.world and not task.steps:
+            task = replace(task, steps=randomization.world.floor_steps)
         mode = find_action_mode(action_mode, crawl_modes(described))
         config = crawler_config(preset, task.schedule, described) if controller is None else controller
         require_instance(CrawlerConfig, controller=config)

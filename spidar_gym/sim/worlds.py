@@ -17,6 +17,7 @@ from typing import Any
 from spidar_gym.border import BorderError, read_file, require_form
 from spidar_gym.committed import ROOT
 from spidar_gym.errors import SpidarError, StaleAssetError, UnknownNameError
+from spidar_gym.sim.ground import HIGHEST
 from spidar_gym.sim.rows import OPTIONAL_ROWS, ORIGINS, TABLE, Row
 
 FOLDER = ROOT / "assets" / "worlds"
@@ -28,7 +29,7 @@ MOST_BYTES, MAX_KINDS = 2**16, 8
 EVERY = "all"
 """Name of a range of all kinds."""
 FORM = {
-    "doc": str, "sensors": bool, "trimmed": bool, "mixtures": {str: str}, "variants": {str: str},
+    "doc": str, "sensors": bool, "trimmed": bool, "floor_steps": float, "mixtures": {str: str}, "variants": {str: str},
     "row": [{"field": str, "origin": str, "source": str, "log": bool, "ranges": {str: [float, float]}}],
 }  # fmt: skip
 """Form of a file."""
@@ -48,6 +49,8 @@ class World:
     """Whether the controller receives the estimate from simulated sensors."""
     trimmed: bool
     """Whether a flight's integrals begin with the values that the robot needs at rest; else they begin at zero."""
+    floor_steps: float
+    """Height of the tiles of a crawl's floor, each sampled from 0 to this [m]; 0 for flat floors."""
     mixtures: tuple[tuple[str, str], ...]
     """Name and description of each mixture of causes."""
     variants: tuple[tuple[str, str], ...]
@@ -106,8 +109,11 @@ def read_world(path: Path) -> World:
     fields = [row.field for row in rows]
     if twice := [name for name in fields if fields.count(name) > 1]:
         raise BorderError(f"two rows of {twice[0]}")
-    digest = hashlib.sha256(data).hexdigest()
-    return World(path.stem, content["doc"], digest, content["sensors"], content["trimmed"], mixtures, variants, rows)
+    steps = float(content["floor_steps"])
+    if not 0.0 <= steps <= HIGHEST:
+        raise BorderError(f"floor_steps {steps:g}, not 0 … {HIGHEST:g} m")
+    how = content["sensors"], content["trimmed"], steps
+    return World(path.stem, content["doc"], hashlib.sha256(data).hexdigest(), *how, mixtures, variants, rows)
 
 
 def _row(entry: Mapping[str, Any], kinds: list[tuple[str, str]], names: list[str]) -> Row:

@@ -21,6 +21,7 @@ ROW = '[[row]]\nfield = "{}"\norigin = "chosen"\nsource = "of a test"\nlog = {}\
 HEAD = """doc = "Robots of a test."
 sensors = {}
 trimmed = {}
+floor_steps = {}
 [mixtures]
 air = "eddies"
 build = "unequal rotors"
@@ -41,9 +42,9 @@ def world(tmp_path) -> Path:
     return written(tmp_path)
 
 
-def written(folder: Path, *rows: str, sensors: bool = False, trimmed: bool = False) -> Path:
+def written(folder: Path, *rows: str, sensors: bool = False, trimmed: bool = False, steps: float = 0.0) -> Path:
     path = folder / "robots_1.toml"
-    path.write_text(HEAD.format(str(sensors).lower(), str(trimmed).lower()) + "".join(rows or ROWS))
+    path.write_text(HEAD.format(str(sensors).lower(), str(trimmed).lower(), steps) + "".join(rows or ROWS))
     return path
 
 
