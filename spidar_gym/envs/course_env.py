@@ -30,6 +30,7 @@ from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.structs import fill
 from spidar_gym.sim.course_boxes import boxes
 from spidar_gym.sim.ground import GroundConfig, with_boxes
+from spidar_gym.sim.randomize import Randomization
 from spidar_gym.tasks.course import DECIDE, CourseTask
 
 
@@ -99,6 +100,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         self._config = replace(base, flight=flight, crawl=crawl)
         require_name("control", control, CONTROLS)
         self._given: Course | None = None
+        shared["randomization"] = Randomization.parse(shared.get("randomization", 0.0)).on_level_floors()
         robot = own_robot(shared.pop("plant", None), described)
         if robot.ground.uneven or robot.ground.boxed or robot.ground.slope:
             raise InvalidValueError("plant", "a floor that is not even", "an even floor: the course is built on it")

@@ -23,7 +23,7 @@ from spidar_gym.envs.goals import CrawlGoal
 from spidar_gym.envs.locking import in_turn
 from spidar_gym.envs.options import described_robot, make_task, own_robot, solver_settings
 from spidar_gym.envs.progress import CrawlProgress
-from spidar_gym.errors import require_instance
+from spidar_gym.errors import InvalidValueError, require_instance
 from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.structs import fill
 from spidar_gym.robot import N_LEGS
@@ -74,6 +74,8 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         described = described_robot(options)
         task, shared = make_task(SpidarEnv, CrawlEnv, self.task_type, options)
         shared["randomization"] = randomization = Randomization.parse(shared.get("randomization", 0.0))
+        if randomization.tilts and task.slope:
+            raise InvalidValueError("slope", task.slope, "0 where the randomisation samples the floor's slope")
         if randomization.world and not task.steps:
             task = replace(task, steps=randomization.world.floor_steps)
         mode = find_action_mode(action_mode, crawl_modes(described))
@@ -134,7 +136,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         task = self.task
         alike = not (self._randomization.draws or task.steps or task.obstacles or task.loads) and rules is None
         record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
-        fleet = Fleet(task, record, self._nominal, robots, threads, alike=alike)
+        fleet = Fleet(task, record, self._nominal, robots, threads, alike=alike, floors=self._randomization.tilts)
         for robot in range(robots):
             fleet.disturb(robot, self._disturbances)
         return fleet

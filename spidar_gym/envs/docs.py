@@ -310,7 +310,7 @@ def page(name: str) -> str:
         _randomised("distribution", TABLE),
         "### Optional randomisation",
         "Sampled only with a range in `randomization`, after the parameters above; a strength does not randomise them.",
-        _randomised("suggestion", OPTIONAL_ROWS),
+        _randomised("suggestion", (r for r in OPTIONAL_ROWS if own.env is not CourseEnv or not r.is_of_floor)),
         "## Version History",
         "- v0: first version.",
     ]

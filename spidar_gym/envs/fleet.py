@@ -48,7 +48,7 @@ class Fleet:
 
     def __init__(
         self, task: Task[Any], rules: np.ndarray, plant: PlantConfig, robots: int, threads: int, *,
-        alike: bool, goals: int = 0, knots: int = 0,
+        alike: bool, floors: bool = False, goals: int = 0, knots: int = 0,
     ) -> None:  # fmt: skip
         """Make the robots.
 
@@ -60,10 +60,13 @@ class Fleet:
             robots: Number of robots.
             threads: Number of threads, the caller's included.
             alike: Whether neither robots nor floors are randomised.
+            floors: Whether robots may have different floor planes although they have the same rules.
             goals: Largest number of forms of an episode.
             knots: Largest number of knots of an episode's path.
         """
-        engine = Engine(f"{task.robots.kind}_robot", plant, robots, threads, alike=alike, floors=rules.ndim > 0)
+        engine = Engine(
+            f"{task.robots.kind}_robot", plant, robots, threads, alike=alike, floors=floors or rules.ndim > 0
+        )
         if rules.ndim:
             engine.configure(np.ascontiguousarray(rules["rules"]["plant"]))
         self.has_own_copies, self._settles = not alike, plant.ground.uneven

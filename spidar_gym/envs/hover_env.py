@@ -113,7 +113,15 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
         task, alike = self.task, not (self._randomization.draws or self.task.loads) and rules is None
         record = self.rules(truncates=truncates, autoreset=autoreset) if rules is None else rules
         fleet = Fleet(
-            task, record, self._nominal, robots, threads, alike=alike, goals=task.most_goals, knots=task.most_knots
+            task,
+            record,
+            self._nominal,
+            robots,
+            threads,
+            alike=alike,
+            floors=self._randomization.tilts,
+            goals=task.most_goals,
+            knots=task.most_knots,
         )
         fleet.take_task(task)
         for robot in range(robots):

@@ -97,6 +97,25 @@ class Randomization:
         return self.strength > 0.0 or bool(self.ranges) or self.world is not None
 
     @property
+    def tilts(self) -> bool:
+        """Whether each robot has its own plane of the floor."""
+        return any(row.is_of_floor for row in self.rows)
+
+    def on_level_floors(self) -> "Randomization":
+        """Return the same randomisation with level floors, which consumes the same random numbers.
+
+        Raises:
+            InvalidValueError: For ranges of the floor that the user has given.
+        """
+        if own := [name for name, *_ in self.ranges if name.startswith("ground.")]:
+            raise InvalidValueError("randomization", own[0], "fields of the robot: the floor of a course is level")
+        if self.world is None or not self.tilts:
+            return self
+        level = {"low": 0.0, "high": 0.0, "kinds": ((0.0, 0.0),) * len(self.world.kinds)}
+        rows = (replace(row, **level) if row.field == "ground.slope" else row for row in self.world.rows)
+        return replace(self, world=replace(self.world, rows=tuple(rows)))
+
+    @property
     def rows(self) -> tuple[Row, ...]:
         """Rows of the nominal robot that are sampled, in order: `TABLE`, and the optional ones with a range."""
         if self.world is not None:

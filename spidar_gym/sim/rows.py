@@ -42,6 +42,11 @@ class Row:
         own = f"U({self.low:.4g}, {self.high:.4g})" + (f" × {math.prod(self.shape)}" if self.shape else "")
         return f"log {own}" if self.is_log else own
 
+    @property
+    def is_of_floor(self) -> bool:
+        """Whether the parameter is of the floor, not of the robot or the air."""
+        return self.field.startswith("ground.")
+
     def sample(self, rng: np.random.Generator, kind: int = 0) -> np.ndarray:
         """Sample the parameter.
 
@@ -122,6 +127,8 @@ OPTIONAL_ROWS: tuple[Row, ...] = (
     Row("recirculation.near", "set", 0.0, 2.0, "1", CHOSEN),
     Row("sensors.position_drift", "set", 0.0, 0.005, "m", CHOSEN),
     Row("sensors.rotation_drift", "set", 0.0, 0.02, "rad", CHOSEN),
+    Row("ground.slope", "set", 0.0, 0.02, "rad", CHOSEN),
+    Row("ground.heading", "set", -math.pi, math.pi, "rad", "any direction"),
 )
 """Parameters that are sampled, after those of `TABLE`, only if the user gives a range for them; a strength does not
 randomise them. `low` and `high` are suggestions."""

@@ -149,9 +149,10 @@ def test_every_disturbance_is_documented_with_its_default_and_what_it_means(name
 def test_everything_that_is_randomised_is_documented_with_its_range_unit_and_source(name):
     rows = table(name, "Arguments", "Randomisation")
     rows += table(name, "Arguments", "Optional randomisation")
-    expected = (*TABLE, *OPTIONAL_ROWS)
+    optional = [row for row in OPTIONAL_ROWS if not (name.endswith("Course-v0") and row.field.startswith("ground."))]
+    expected = (*TABLE, *optional)
     assert [row[0].strip("`") for row in rows] == [row.field for row in expected]
-    ranges = {row.field: (row.low, row.high) for row in OPTIONAL_ROWS}
+    ranges = {row.field: (row.low, row.high) for row in optional}
     drawn = gymnasium.make(name, randomization={"strength": 1.0, **ranges}).reset(seed=0)[1]["randomization"]
     for (field, operation, distribution, unit, source), row in zip(rows, expected, strict=True):
         part, attribute = field.strip("`").split(".")

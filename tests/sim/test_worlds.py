@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 
 import spidar_gym  # noqa: F401 - registers the environments
+from spidar_gym.envs.course_env import CourseEnv
+from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.hover_env import HoverEnv
-from spidar_gym.errors import SpidarError, StaleAssetError, UnknownNameError
+from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, UnknownNameError
 from spidar_gym.robot import ROBOT
 from spidar_gym.robot.spec import RobotSpec
 from spidar_gym.sim import worlds
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.randomize import Randomization, randomize
 from spidar_gym.sim.worlds import find_world, read_world, world_names
+from spidar_gym.so3 import quat_to_matrix
 
 ROW = '[[row]]\nfield = "{}"\norigin = "chosen"\nsource = "of a test"\nlog = {}\nranges = {}\n'
 HEAD = """doc = "Robots of a test."
@@ -124,6 +127,43 @@ def test_the_engine_applies_the_samples_in_the_order_of_python(world):
     assert config.actuators.joint_kd == sampled["actuators.joint_kd"]
     np.testing.assert_array_equal(config.actuators.module_gain, sampled["actuators.module_gain"])
     assert config.recirculation.flow_z == sampled["recirculation.flow_z"]
+
+
+def test_every_robot_lies_on_its_own_floor_whatever_the_number_of_robots_and_threads(tmp_path):
+    tilted = ROW.format("ground.slope", "false", "{ all = [0.0, 0.2] }")
+    heading = ROW.format("ground.heading", "false", "{ all = [-3.14, 3.14] }")
+    for steps in (0.0, 0.002):
+        path = written(tmp_path, tilted, heading, steps=steps)
+        found = []
+        for threads in (1, 2):
+            vector = gymnasium.make_vec("spidar_gym/Crawl-v0", num_envs=5, randomization=path, num_threads=threads)
+            info = vector.reset(seed=3)[1]["randomization"]
+            observations = [vector.step(np.zeros(vector.action_space.shape, np.float32))[0] for _ in range(5)]
+            found.append((info["ground.slope"], np.array(observations)))
+            vector.close()
+        assert np.array_equal(found[0][0], found[1][0])
+        assert np.array_equal(found[0][1], found[1][1])
+        assert len(set(found[0][0].tolist())) == 5
+        for k in range(5):
+            single = gymnasium.make("spidar_gym/Crawl-v0", randomization=path)
+            single.reset(seed=3 + k)
+            # Ends of the torso's motion within a step of the floor are a part of the tilt.
+            tilt = np.arccos(quat_to_matrix(single.unwrapped.state.quat_wb)[2, 2])
+            assert abs(tilt - found[0][0][k]) < (0.02 if steps else 0.002)
+            for step in range(5):
+                own = single.step(np.zeros(single.action_space.shape, np.float32))[0]
+                assert np.array_equal(own, found[0][1][step][k])
+
+
+def test_a_slope_of_the_floor_is_given_once_and_no_course_has_one(tmp_path):
+    tilted = written(tmp_path, ROW.format("ground.slope", "false", "{ all = [0.0, 0.2] }"))
+    with pytest.raises(InvalidValueError, match="slope"):
+        CrawlEnv(randomization=tilted, slope=0.1)
+    with pytest.raises(InvalidValueError, match="the floor of a course is level"):
+        CourseEnv(randomization={"ground.slope": (0.0, 0.2)})
+    env = CourseEnv(randomization=tilted)
+    env.reset(seed=0)
+    assert env.sampled_parameters["ground.slope"] == env.plant.config.ground.slope == 0.0
 
 
 def test_a_vector_has_the_robots_of_its_worlds_and_masks_for_the_others(world):
