@@ -406,7 +406,8 @@ class Plant:
             memory.sticks = np.clip(memory.sticks, q - way, q + way)
             torque += STICKING * (memory.sticks - q)
         self.model.actuator_biasprm[self._gimbal_servos, 0] = torque
-        self.model.actuator_biasprm[self._gimbal_servos, 2] = np.where(abs(gap) >= play, -ROBOT.vectoring_kd, 0.0)
+        damped = (abs(gap) >= play) | (c.vectoring_friction > 0.0)
+        self.model.actuator_biasprm[self._gimbal_servos, 2] = np.where(damped, -ROBOT.vectoring_kd, 0.0)
 
     def _sample_sensors(self) -> None:
         """Sample the sensors."""

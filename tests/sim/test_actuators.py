@@ -297,6 +297,18 @@ def test_dry_friction_holds_a_vectoring_axis_below_its_breakaway_torque(axis, na
         assert least - 0.05 * friction / kp < reached < least + 0.3 * friction / kp
 
 
+@pytest.mark.parametrize(("axis", "name"), list(enumerate(["gimbal3_roll", "gimbal3_pitch"])))
+def test_an_axis_held_by_friction_inside_its_play_does_not_ring_after_a_step_of_the_load(axis, name):
+    plant, load, angles = floating(substeps=1, vectoring_backlash=0.01, vectoring_friction=0.05), 0.02, []
+    dof = plant.model.joint(name).dofadr[0]
+    for _ in range(200):
+        plant.data.qfrc_applied[dof] = load
+        angles.append(plant.step(command()).vectoring[2, axis])
+    # Inside the play only the spring of the friction carries the load.
+    assert angles[-1] == pytest.approx(load / STICKING, rel=0.01)
+    assert np.ptp(angles[100:150]) < 0.01 * np.ptp(angles[:50])
+
+
 def limp(joint: str) -> Command:
     """A command that holds all joints except for `joint`, which has no torque."""
     return command(limit=np.array([0.0 if name == joint else 7.0 for name in JOINT_NAMES]))

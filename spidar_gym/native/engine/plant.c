@@ -57,8 +57,9 @@ static void write_asymmetry(const sp_sim *sim, const sp_plant *p)
 
 /* Write play and dry friction of the vectoring axes into the model, for the next physics step. In the
  * play, spring and damping exert no torque. The friction is a stiff spring between the axis and the angle at which it
- * sticks, which the axis drags along once the spring carries the friction. A friction constraint of MuJoCo's would double
- * the time of a step. */
+ * sticks, which the axis drags along once the spring carries the friction; with friction the damping acts in the play too,
+ * because the axis would otherwise oscillate on that spring. A friction constraint of MuJoCo's would double the time of a
+ * step. */
 static void write_play(const sp_world *world, const sp_sim *sim, sp_plant *p)
 {
     const sp_actuator_config *c = &p->config.actuators;
@@ -68,7 +69,7 @@ static void write_play(const sp_world *world, const sp_sim *sim, sp_plant *p)
         double *bias = sim->actuator_biasprm + GAINS * (FIRST_GIMBAL + k), q = sim->qpos[world->joint_qpos[SP_JOINTS + k]];
         double gap = sim->act[FIRST_GIMBAL + k] - q;
         bias[0] = play > 0.0 ? -c->vectoring_kp * sp_clip(gap, -play, play) : 0.0;
-        bias[2] = fabs(gap) >= play ? -world->vectoring_kd : 0.0;
+        bias[2] = fabs(gap) >= play || friction > 0.0 ? -world->vectoring_kd : 0.0;
         if (!(friction > 0.0)) continue;
         p->sticks[k] = sp_clip(p->sticks[k], q - way, q + way);
         bias[0] += SP_STICKING * (p->sticks[k] - q);
