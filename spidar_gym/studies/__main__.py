@@ -1,24 +1,28 @@
 """`python -m spidar_gym.studies`: the studies beyond the paper, with one subcommand per study."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import tyro
 
 from spidar_gym import viz
-from spidar_gym.arguments import FlightPresetArg, JsonArg
+from spidar_gym.arguments import Flag, FlightPresetArg, JsonArg
 from spidar_gym.benchmark.track import SCENARIOS
 from spidar_gym.console import drawn, progress, published, run_cli, studied
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError, require_least
-from spidar_gym.files import output_folder
+from spidar_gym.files import output_folder, write_text
 from spidar_gym.processes import cpu_count
 from spidar_gym.robot import FORMS, N_ROTORS
 from spidar_gym.sim.disturbances import FAULTS, Disturbances
 from spidar_gym.sim.randomize import check_strength
 from spidar_gym.studies import ablations as ablation_study
+from spidar_gym.studies import calibrate as calibration
 from spidar_gym.studies import gates as gate_study
 from spidar_gym.studies import hops as hop_study
 from spidar_gym.studies import lost as lost_study
+from spidar_gym.studies import reality as reality_study
 from spidar_gym.studies import steps as step_study
 from spidar_gym.text import format_table
 
@@ -150,6 +154,73 @@ def ablations(
         table=lambda found: format_table(ablation_study.ablation_lines(found)),
     )  # fmt: skip
     drawn("figure", lambda: viz.ablation_figure(rows, folder / "ablations.png"))
+
+
+@app.command
+def calibrate(
+    name: str = "calibrated_1", robots: int = calibration.ROBOTS, blind: Flag = False, profile: Flag = False,
+    write: Flag = False, out: Path = Path("out/calibrate"), workers: int = cpu_count(), json: JsonArg = False,
+) -> None:  # fmt: skip
+    """Fit the mixtures of a calibrated world to the errors of the paper's flight; resumable.
+
+    Args:
+        name: Name of the world.
+        robots: Number of robots per mixture and round; one takes 60 s of simulated time, about 0.4 s of CPU time.
+        blind: Instead, fit without the error in z and without the figures of the crawl; predict them with the study
+            reality and the file that this writes.
+        profile: Instead, fit one mixture at several values of the parameters that trade off with its levers.
+        write: Copy the file to assets/worlds and pin its hash; refused where the name exists with other ranges.
+        out: Folder for NAME.toml and calibrate.json.
+        workers: Number of processes.
+    """
+    require_least(2, robots=robots)
+    require_least(1, workers=workers)
+    if write and (blind or profile):
+        raise InvalidValueError("write", write, "False with blind or profile: these fits are no worlds")
+    folder = output_folder(out)
+    how: dict[str, Any] = {"robots": robots, "workers": workers}
+
+    def play(unfinished: Path, on_flight: Callable[[], object]) -> list[dict[str, Any]]:
+        if profile:
+            return calibration.profile(unfinished, **how, on_flight=on_flight)
+        if blind:
+            rows = calibration.blind_fit(unfinished, **how, on_flight=on_flight)
+        else:
+            rows = calibration.fit(name, unfinished, **how, on_flight=on_flight)
+        found = "blind" if blind else name
+        write_text(folder / f"{found}.toml", (unfinished / f"{found}.toml").read_text(encoding="utf-8"))
+        return rows
+
+    lines = calibration.profile_lines if profile else calibration.fit_lines
+    title = "profiles" if profile else "blind" if blind else "calibrate"
+    studied(folder, title, "flight", 0, json=json, play=play, table=lambda rows: format_table(lines(rows)))
+    if write:
+        print(f"written: {calibration.write_world(folder / f'{name}.toml', name)}")
+
+
+@app.command
+def reality(
+    world: str = "calibrated_1", robots: int = 200, out: Path = Path("out/reality"), workers: int = cpu_count(),
+    json: JsonArg = False,
+) -> None:  # fmt: skip
+    """Simulate the paper's flight and crawl with robots of a calibrated world, beside the published figures; resumable.
+
+    Args:
+        world: Name or file of a calibrated world.
+        robots: Number of robots of each mixture and experiment; 200 take about 10 minutes on two cores.
+        out: Folder for reality.json.
+        workers: Number of processes.
+    """
+    require_least(8, robots=robots)
+    require_least(1, workers=workers)
+    mixtures = len(reality_study.require_world(world).mixtures)
+    studied(
+        output_folder(out), "reality", "run", len(reality_study.EXPERIMENTS) * mixtures * robots, json=json,
+        play=lambda unfinished, on_run: reality_study.measure(
+            world, robots=robots, workers=workers, folder=unfinished, on_run=on_run
+        ),
+        table=lambda rows: format_table(reality_study.reality_lines(rows)),
+    )  # fmt: skip
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.benchmark.resume import finish
+from spidar_gym.errors import InvalidValueError
 from spidar_gym.paper.calibration import (
     CRAWL_NUMBERS,
     CRAWL_WORDS,
@@ -17,9 +18,12 @@ from spidar_gym.paper.calibration import (
     fly_robot,
 )
 from spidar_gym.sim.randomize import Randomization
+from spidar_gym.sim.worlds import World
 
 FLIGHT, CRAWL = "flight", "crawl"
 """The paper's experiments."""
+ALL = "all"
+"""Group of all robots."""
 EXPERIMENTS = ((FLIGHT, "as_flown_quasi"), (CRAWL, "published"), (CRAWL, "robust_overlapped"))
 """Experiments and their controllers."""
 RMSE = ("rmse_x", "rmse_y", "rmse_z", "rmse_roll", "rmse_pitch", "rmse_yaw")
@@ -47,20 +51,69 @@ def play(run: Run) -> dict[str, float]:
 
 
 def measure(
-    randomization: Randomization, *, robots: int, workers: int = 1, folder: Path | None = None,
+    world: str, *, robots: int, workers: int = 1, folder: Path | None = None,
     experiments: Sequence[tuple[str, str]] = EXPERIMENTS, on_run: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Run every experiment with `robots` robots; resumes from `folder`.
+    """Run every experiment with `robots` robots of each mixture of a calibrated world; resumes from `folder`.
+
+    Args:
+        world: Name or file of the world. Its variants fly in turn.
+        robots: Number of robots of each mixture.
+        workers: Number of processes.
+        folder: Folder for finished runs.
+        experiments: Experiments with their controllers.
+        on_run: Called after each run.
 
     Returns:
-        One row per experiment: see `summary`.
+        For each experiment one row per mixture, one per variant, and one of all: see `summary`.
     """
-    runs = [Run(*each, randomization, seed) for each in experiments for seed in range(robots)]
-    found = finish(play, runs, workers=workers, folder=folder, on_done=lambda *_: on_run())
-    return [
-        {"experiment": name, "preset": preset, **summary(name, found[k * robots : (k + 1) * robots])}
-        for k, (name, preset) in enumerate(experiments)
-    ]
+    found = require_world(world)
+    mixtures, variants = [name for name, _ in found.mixtures], [name for name, _ in found.variants]
+    kinds = [(mixture, variants[k % len(variants)], k) for mixture in mixtures for k in range(robots)]
+    hows = {(m, v): Randomization.parse(f"{world}:{m}-{v}") for m in mixtures for v in variants}
+    runs = [Run(*each, hows[m, v], seed) for each in experiments for m, v, seed in kinds]
+    done = finish(play, runs, workers=workers, folder=folder, on_done=lambda *_: on_run())
+    rows = []
+    for k, (name, preset) in enumerate(experiments):
+        own = done[k * len(kinds) : (k + 1) * len(kinds)]
+        for group in (*mixtures, *variants, ALL):
+            members = [figures for figures, kind in zip(own, kinds, strict=True) if group in (*kind[:2], ALL)]
+            rows.append({"experiment": name, "preset": preset, "robots of": group, **summary(name, members)})
+    return rows
+
+
+def require_world(given: str) -> World:
+    """Return a calibrated world by name or file (`InvalidValueError` for another randomisation)."""
+    found = Randomization.parse(given).world
+    if found is None:
+        raise InvalidValueError("world", given, "the name or file of a calibrated world")
+    return found
+
+
+def reality_lines(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
+    """Return the tables of all experiments, a line per number and per inequality: the robots' beside the paper's."""
+    lines = list[list[str]]()
+    for experiment, preset in dict.fromkeys((row["experiment"], row["preset"]) for row in rows):
+        own = [row for row in rows if (row["experiment"], row["preset"]) == (experiment, preset)]
+        numbers, words = (FLIGHT_NUMBERS, FLIGHT_WORDS) if experiment == FLIGHT else (CRAWL_NUMBERS, CRAWL_WORDS)
+        lines.append([f"{experiment}, {preset}", "paper", *(row["robots of"] for row in own)])
+        for name, published in numbers.items():
+            shown = [_shown(row["numbers"][name]) for row in own]
+            lines.append([published.words, f"{published.value:g}", *shown])
+        for name, word in words.items():
+            lines.append([word.rule, f"“{word.words}”", *(f"{row['words'][name]:.0%}" for row in own)])
+        if experiment == FLIGHT:
+            widest = [max(row["numbers"][name]["ratio_90"] for name in RMSE) for row in own]
+            lines.append(["largest ratio 95 % / 5 % of the six errors", "–", *(f"{w:.2f}" for w in widest)])
+            nearer = [f"{row['nearer']:.0%}" if "nearer" in row else "–" for row in own]
+            lines.append(["robots nearer to the centre than the paper's errors", "–", *nearer])
+        lines.append(["failed", "0 of 1", *(f"{row['failed']} of {row['robots']}" for row in own)])
+    return lines
+
+
+def _shown(number: dict[str, Any]) -> str:
+    low, high = number["central_60"]
+    return f"{number['median']:.3g} [{low:.3g}, {high:.3g}]" + ("" if number["fits"] else " ✗")
 
 
 def summary(experiment: str, figures: Sequence[dict[str, float]]) -> dict[str, Any]:
