@@ -18,6 +18,7 @@ from spidar_gym.paper import crawl as crawl_experiment
 from spidar_gym.paper import crawl_study
 from spidar_gym.paper import flight as experiments
 from spidar_gym.paper import flight_studies as studies
+from spidar_gym.paper.calibration import CRAWL, FLIGHT, calibrated_figures
 from spidar_gym.paper.trial import CONDITIONS
 from spidar_gym.processes import cpu_count
 from spidar_gym.sim.renderer import require_pictures
@@ -25,6 +26,8 @@ from spidar_gym.sim.stage import FIXED, VIEWS
 from spidar_gym.tasks.crawl import RANGES
 from spidar_gym.text import format_table
 
+CALIBRATED = "calibrated_1"
+"""World of the calibrated robots."""
 paper_app = tyro.extras.SubcommandApp()
 
 
@@ -40,9 +43,11 @@ class Options:
     """Simulate noisy sensors, unequal rotors and a delay of 20 ms, in the crawl 25 ms and offsets of joint zeros."""
     seed: int = 0
     """Seed of --noise."""
+    robots: int = 24
+    """Number of robots of the calibrated world for a column of medians; 0 for none."""
 
     def __post_init__(self) -> None:
-        require_least(0, seed=self.seed)
+        require_least(0, seed=self.seed, robots=self.robots)
         require_name("camera", self.camera, VIEWS)
 
 
@@ -84,7 +89,7 @@ def flight(
         speeds: Instead, compare preset tuned with paper in random asymmetric forms at joint speeds 0.2 … 1.0 rad/s.
         ablation: Instead, compare them at 0.2, 0.6 and 1.0 rad/s, also with each option of tuned switched off.
         scenarios: Number of flights per cell of --speeds or --ablation.
-        workers: Number of processes for --speeds or --ablation.
+        workers: Number of processes for the calibrated robots, --speeds or --ablation.
     """
     require_least(1, scenarios=scenarios, workers=workers)
     if speeds or ablation:
@@ -96,13 +101,30 @@ def flight(
     with progress(total=experiments.FLIGHT_TICKS, unit="tick", desc=f"flight, {preset}") as bar:
         log = experiments.fly_paper(preset, noise=options.noise, seed=options.seed, on_tick=bar.update)
     figures = experiments.flight_figures(log)
-    result = {"flight": figures, "paper": {"flight": experiments.PAPER_FLIGHT}}
-    text = published(folder, "flight", result, format_table(experiments.flight_lines(figures)), options.json)
+    noisy = None
+    if not options.noise:
+        with progress(total=experiments.FLIGHT_TICKS, unit="tick", desc="with noise") as bar:
+            other = experiments.fly_paper(preset, noise=True, seed=options.seed, on_tick=bar.update)
+        noisy = experiments.flight_figures(other)
+    calibrated = _calibrated(FLIGHT, preset, options.robots, workers)
+    result = {
+        "flight": figures, "noisy": noisy, "calibrated": calibrated, "paper": {"flight": experiments.PAPER_FLIGHT}
+    }  # fmt: skip
+    lines = experiments.flight_lines(figures, noisy, calibrated)
+    text = published(folder, "flight", result, format_table(lines), options.json)
     # After the flight, so that drawing does not affect the measured solve times.
     drawn("figure", lambda: viz.flight_figure(log, folder / "flight.png"))
     if video:
         drawn("video", lambda: _film(viz.flight_take(log), folder / "flight.mp4", options.camera))
     _report(text, folder, "flight.*", options.json)
+
+
+def _calibrated(experiment: str, preset: str, robots: int, workers: int) -> dict[str, Any] | None:
+    """Simulate an experiment with calibrated robots."""
+    if not robots:
+        return None
+    with progress(total=robots, unit="robot", desc="calibrated robots") as bar:
+        return calibrated_figures(experiment, preset, CALIBRATED, robots=robots, workers=workers, on_run=bar.update)
 
 
 def _report(text: str, folder: Path, pattern: str, json: bool) -> None:
@@ -189,7 +211,7 @@ def crawl(
         study: Instead, run a study of directions, speeds, floors and weak actuators, each with --seeds noisy robots.
         draws: Instead, compare published and robust on this number of robots and goals sampled at strength 1.
         seeds: Number of crawls per case of --study.
-        workers: Number of processes for --study and --draws.
+        workers: Number of processes for the calibrated robots, --study and --draws.
     """
     require_least(0, draws=draws)
     require_least(1, seeds=seeds, workers=workers)
@@ -215,8 +237,22 @@ def crawl(
     log = _crawled(preset, how)
     fast = log if preset == "overlapped" else _crawled("overlapped", how)
     figures = crawl_experiment.crawl_figures(log, fast)
-    result = {"crawl": figures, "paper": {"crawl": crawl_experiment.PAPER_CRAWL}}
-    text = published(folder, "crawl", result, format_table(crawl_experiment.crawl_lines(figures)), options.json)
+    is_paper = where == {
+        "distance": crawl_experiment.CRAWL_DISTANCE,
+        "direction": 0.0,
+        "turn": 0.0,
+        "joint_speed": None,
+    }
+    noisy = calibrated = None
+    if is_paper and not power:
+        if not options.noise:
+            noisy = crawl_experiment.crawl_figures(_crawled(preset, {**how, "noise": True}))
+        calibrated = _calibrated(CRAWL, preset, options.robots, workers)
+    result = {
+        "crawl": figures, "noisy": noisy, "calibrated": calibrated, "paper": {"crawl": crawl_experiment.PAPER_CRAWL}
+    }  # fmt: skip
+    lines = crawl_experiment.crawl_lines(figures, noisy, calibrated)
+    text = published(folder, "crawl", result, format_table(lines), options.json)
     drawn("figure", lambda: viz.crawl_figure(log, folder / "crawl.png"))
     drawn("strip", lambda: viz.crawl_strip(log, folder / "cycle.png"))
     if video:

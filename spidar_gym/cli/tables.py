@@ -112,8 +112,8 @@ COMPUTED: dict[str, Callable[..., Lines]] = {
 }
 """Tables from the leaderboard's rows and from the code: name → function of the clone's root and arguments → cells."""
 DRAWN: dict[str, Callable[[Any], Lines]] = {
-    "flight": lambda result: flight_lines(result["flight"]),
-    "crawl": lambda result: crawl_lines(result["crawl"]),
+    "flight": lambda result: flight_lines(result["flight"], result.get("noisy"), result.get("calibrated")),
+    "crawl": lambda result: crawl_lines(result["crawl"], result.get("noisy"), result.get("calibrated")),
     "speeds": lambda result: speed_lines(result["speeds"]),
     "study": lambda result: study_lines(result["study"]),
     "draws": lambda result: study_lines(result["draws"]),

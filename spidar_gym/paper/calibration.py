@@ -5,15 +5,17 @@ written down before any robot was fitted to them.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from spidar_gym.benchmark.resume import finish
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.hover_env import HoverEnv
+from spidar_gym.errors import InvalidValueError
 from spidar_gym.paper.crawl import CRAWL_DISTANCE, LEGS_UP, LIMIT, TORSO_PHASES
 from spidar_gym.paper.flight import (
     DEVIATION_WINDOW,
@@ -26,9 +28,12 @@ from spidar_gym.paper.flight import (
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.sim.energy import endurance_min
 from spidar_gym.sim.randomize import Randomization
+from spidar_gym.sim.worlds import World
 from spidar_gym.so3 import euler_angles, quat_to_matrix
 from spidar_gym.tasks.start import FlightStart, FormGoal, draw_start
 
+FLIGHT, CRAWL = "flight", "crawl"
+"""The paper's experiments."""
 PRELUDE = 20.0
 """Time of hovering in form ① before the experiment, in which the integrals settle from zero [s] [chosen]."""
 FORM2_WINDOW = (7.0, 8.0)
@@ -141,10 +146,102 @@ CRAWL_WORDS: dict[str, Worded] = {
 """The paper's words about the crawl."""
 
 
+FLOWN = {"as_flown": "as_flown_quasi"}
+"""Preset → the preset that calibrated robots fly in its place: what flew, with the estimator of the real robot."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """An experiment with one robot."""
+
+    experiment: str
+    """`FLIGHT` or `CRAWL`."""
+    preset: str
+    """Controller."""
+    randomization: Randomization
+    """Distribution of the robot."""
+    seed: int
+    """Seed of the robot and its noise."""
+
+
+def play(run: Run) -> dict[str, float]:
+    """Simulate an experiment, and return its figures."""
+    call = fly_sampled if run.experiment == FLIGHT else crawl_sampled
+    return call(run.preset, run.randomization, run.seed)
+
+
+def calibrated_figures(
+    experiment: str, preset: str, world: str, *, robots: int, workers: int = 1,
+    on_run: Callable[[], object] = lambda: None,
+) -> dict[str, Any]:  # fmt: skip
+    """Simulate an experiment with robots of a calibrated world, its kinds in turn.
+
+    Args:
+        experiment: `FLIGHT` or `CRAWL`.
+        preset: Controller; see `FLOWN`.
+        world: Name or file of the world.
+        robots: Number of robots.
+        workers: Number of processes.
+        on_run: Called after each robot.
+
+    Returns:
+        Preset, world, number of robots and of those that failed; the figures' medians and limits of the central 60 %;
+        `lines`, label → figure of the experiment's table.
+    """
+    preset = FLOWN.get(preset, preset)
+    kinds = require_world(world).kinds
+    hows = [Randomization.parse(f"{world}:{kind}") for kind in kinds]
+    runs = [Run(experiment, preset, hows[k % len(hows)], k) for k in range(robots)]
+    done = finish(play, runs, workers=workers, on_done=lambda *_: on_run())
+    standing = [each for each in done if not each["failed"]]
+    figures = {
+        name: np.quantile([each[name] for each in standing], [0.5, 0.2, 0.8]).tolist()
+        for name in (FLIGHT_NUMBERS if experiment == FLIGHT else CRAWL_NUMBERS | {"thrust_fraction": None})
+        if standing
+    }
+    lines = {label: _cell(figures, *how) for label, how in LABELS[experiment].items() if figures}
+    return {
+        "preset": preset, "world": world, "robots": robots, "failed": robots - len(standing), "figures": figures,
+        "lines": lines,
+    }  # fmt: skip
+
+
+LABELS: dict[str, dict[str, tuple[tuple[str, ...], float, str]]] = {
+    FLIGHT: {
+        "RMSE position x y z, 0–27 s [m]": (("rmse_x", "rmse_y", "rmse_z"), 1.0, ".4f"),
+        "RMSE attitude x y z, 0–27 s [rad]": (("rmse_roll", "rmse_pitch", "rmse_yaw"), 1.0, ".4f"),
+        "θ of rotors 1 3 5 7, form ③ [rad]": (("theta",), 1.0, ".3f"),
+        "allocated τ₂, form ③ [Nm]": (("tau2",), 1.0, ".2f"),
+        "thrust λ₁ … λ₈, form ① [N]": (("thrust",), 1.0, ".1f"),
+        "endurance in form ① (calibrated) [min]": (("endurance",), 1.0, ".1f"),
+    },
+    CRAWL: {
+        "final position error x y z [mm]": (("rest_x", "rest_y", "rest_z"), 1e3, ".1f"),
+        "duration [s]": (("duration",), 1.0, ".1f"),
+        "duration of the torso's motion [s]": (("torso",), 1.0, ".1f"),
+        "Σλ / mg, mean": (("thrust_fraction",), 1.0, ".3f"),
+        "endurance (predicted) [min]": (("endurance",), 1.0, ".1f"),
+    },
+}
+"""Experiment → label of its table → figures, factor and format."""
+
+
+def _cell(figures: Mapping[str, Sequence[float]], names: Sequence[str], factor: float, form: str) -> str:
+    return "  ".join(f"{factor * figures[name][0]:{form}}" for name in names)
+
+
+def require_world(given: str) -> World:
+    """Return a calibrated world by name or file (`InvalidValueError` for another randomisation)."""
+    found = Randomization.parse(given).world
+    if found is None:
+        raise InvalidValueError("world", given, "the name or file of a calibrated world")
+    return found
+
+
 # ---- the flight ----
 
 
-def fly_robot(preset: str, randomization: Randomization, seed: int) -> dict[str, float]:
+def fly_sampled(preset: str, randomization: Randomization, seed: int) -> dict[str, float]:
     """Simulate the paper's flight with a sampled robot, after `PRELUDE` in form ①, and return its figures.
 
     Errors are those of the state that the controller estimates from the sensors, as the robot's software logs them;
@@ -212,7 +309,7 @@ def _flight_figures(time: np.ndarray, rows: np.ndarray, *, failed: bool) -> dict
 # ---- the crawl ----
 
 
-def crawl_robot(preset: str, randomization: Randomization, seed: int) -> dict[str, float]:
+def crawl_sampled(preset: str, randomization: Randomization, seed: int) -> dict[str, float]:
     """Simulate the paper's crawl with a sampled robot, and return its figures.
 
     Args:

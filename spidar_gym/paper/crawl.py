@@ -14,7 +14,7 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import crawler_config
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.errors import InvalidValueError, SpidarError
-from spidar_gym.paper.flight import ExperimentLog, qp_figures, qp_lines
+from spidar_gym.paper.flight import ExperimentLog, qp_figures, qp_lines, with_calibrated
 from spidar_gym.policies.rollout import columns, rollout
 from spidar_gym.robot import N_JOINTS, N_ROTORS
 from spidar_gym.sim.actuators import ActuatorConfig
@@ -245,8 +245,20 @@ LINES: tuple[tuple[str, str, float, str, str], ...] = (
 """Lines of the table: label, figure, factor, format, and the paper's figure."""
 
 
-def crawl_lines(figures: dict[str, Any]) -> list[list[str]]:
-    """Return the table of our figures beside the paper's."""
+def crawl_lines(
+    figures: dict[str, Any], noisy: dict[str, Any] | None = None, calibrated: dict[str, Any] | None = None
+) -> list[list[str]]:
+    """Return the table of our figures beside the paper's; arguments as in `flight_lines`."""
+    lines = _crawl_rows(figures)
+    if noisy:
+        own = {name: ours for name, ours, _ in _crawl_rows(noisy)}
+        lines = [[name, ours, own.get(name, "–"), theirs] for name, ours, theirs in lines]
+        lines[0][1:3] = "nominal", "with noise"
+    return with_calibrated(lines, calibrated)
+
+
+def _crawl_rows(figures: dict[str, Any]) -> list[list[str]]:
+    """Return label, our figure and the paper's; the first is the heading."""
     title = f"crawl, {figures['preset']}, {figures['joint_speed_rad_s']:g} rad/s"
     x, y, z = (1000.0 * v for v in figures["final_position_error_m"])
     lines = [

@@ -224,8 +224,42 @@ def _rms(values: np.ndarray) -> list[float]:
     return np.sqrt((values**2).mean(axis=0)).tolist()
 
 
-def flight_lines(figures: dict[str, Any]) -> list[list[str]]:
-    """Return the table of our figures beside the paper's."""
+def flight_lines(
+    figures: dict[str, Any], noisy: dict[str, Any] | None = None, calibrated: dict[str, Any] | None = None
+) -> list[list[str]]:
+    """Return the table of our figures beside the paper's.
+
+    Args:
+        figures: Figures of the flight.
+        noisy: Figures of the same flight with noise, for a second column.
+        calibrated: `calibrated_figures` of flights with calibrated robots, for a further column.
+    """
+    columns = [_flight_cells(figures), *([_flight_cells(noisy)] if noisy else [])]
+    lines = [[name, *(own[name][0] for own in columns), columns[-1][name][1]] for name in columns[0]]
+    if noisy:
+        lines[0] = [f"flight, preset {figures['preset']}", "nominal", "with noise", "paper"]
+    return with_calibrated(lines, calibrated)
+
+
+def with_calibrated(lines: list[list[str]], calibrated: dict[str, Any] | None) -> list[list[str]]:
+    """Return a table with a column of calibrated robots before the paper's, if there are any."""
+    if calibrated is None:
+        return lines
+    head, *rest = lines
+    title = f"calibrated: {calibrated['preset']}, median of {calibrated['robots']}"
+    return [
+        [*head[:-1], title, head[-1]],
+        *([*line[:-1], calibrated["lines"].get(line[0], "–"), line[-1]] for line in rest),
+    ]
+
+
+def _flight_cells(figures: dict[str, Any]) -> dict[str, tuple[str, str]]:
+    """Return our figure and the paper's by label; the first is the heading."""
+    return {name: (ours, theirs) for name, ours, theirs in _flight_rows(figures)}
+
+
+def _flight_rows(figures: dict[str, Any]) -> list[list[str]]:
+    """Return label, our figure and the paper's; the first is the heading."""
 
     def row(name: str, ours: str, theirs: str = "–") -> list[str]:
         return [name, ours, theirs]

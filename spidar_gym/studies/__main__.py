@@ -13,6 +13,7 @@ from spidar_gym.console import drawn, progress, published, run_cli, studied
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.files import output_folder, write_text
+from spidar_gym.paper.calibration import require_world
 from spidar_gym.processes import cpu_count
 from spidar_gym.robot import FORMS, N_ROTORS
 from spidar_gym.sim.disturbances import FAULTS, Disturbances
@@ -213,7 +214,7 @@ def reality(
     """
     require_least(8, robots=robots)
     require_least(1, workers=workers)
-    mixtures = len(reality_study.require_world(world).mixtures)
+    mixtures = len(require_world(world).mixtures)
     studied(
         output_folder(out), "reality", "run", len(reality_study.EXPERIMENTS) * mixtures * robots, json=json,
         play=lambda unfinished, on_run: reality_study.measure(

@@ -16,10 +16,10 @@ import numpy as np
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.errors import SpidarError
 from spidar_gym.files import write_text
-from spidar_gym.paper.calibration import FLIGHT_NUMBERS
+from spidar_gym.paper.calibration import FLIGHT, FLIGHT_NUMBERS, Run, play
 from spidar_gym.sim.randomize import Randomization
 from spidar_gym.sim.worlds import FOLDER, PINS, read_world, world_names
-from spidar_gym.studies.reality import EXPERIMENTS, FLIGHT, RMSE, Run, play, summary
+from spidar_gym.studies.reality import EXPERIMENTS, RMSE, summary
 
 MIXTURES = {
     "wake": "the air: eddies of the rotors' own wake push and turn the robot",

@@ -1,53 +1,31 @@
 """The paper's experiments on many robots, beside everything that was published of them: numbers, and words."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from spidar_gym.benchmark.resume import finish
-from spidar_gym.errors import InvalidValueError
 from spidar_gym.paper.calibration import (
+    CRAWL,
     CRAWL_NUMBERS,
     CRAWL_WORDS,
+    FLIGHT,
     FLIGHT_NUMBERS,
     FLIGHT_WORDS,
-    crawl_robot,
-    fly_robot,
+    Run,
+    play,
+    require_world,
 )
 from spidar_gym.sim.randomize import Randomization
-from spidar_gym.sim.worlds import World
 
-FLIGHT, CRAWL = "flight", "crawl"
-"""The paper's experiments."""
 ALL = "all"
 """Group of all robots."""
 EXPERIMENTS = ((FLIGHT, "as_flown_quasi"), (CRAWL, "published"), (CRAWL, "robust_overlapped"))
 """Experiments and their controllers."""
 RMSE = ("rmse_x", "rmse_y", "rmse_z", "rmse_roll", "rmse_pitch", "rmse_yaw")
 """The flight's six errors."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """An experiment with one robot."""
-
-    experiment: str
-    """`FLIGHT` or `CRAWL`."""
-    preset: str
-    """Controller."""
-    randomization: Randomization
-    """Distribution of the robot."""
-    seed: int
-    """Seed of the robot and its noise."""
-
-
-def play(run: Run) -> dict[str, float]:
-    """Simulate an experiment, and return its figures."""
-    call = fly_robot if run.experiment == FLIGHT else crawl_robot
-    return call(run.preset, run.randomization, run.seed)
 
 
 def measure(
@@ -80,14 +58,6 @@ def measure(
             members = [figures for figures, kind in zip(own, kinds, strict=True) if group in (*kind[:2], ALL)]
             rows.append({"experiment": name, "preset": preset, "robots of": group, **summary(name, members)})
     return rows
-
-
-def require_world(given: str) -> World:
-    """Return a calibrated world by name or file (`InvalidValueError` for another randomisation)."""
-    found = Randomization.parse(given).world
-    if found is None:
-        raise InvalidValueError("world", given, "the name or file of a calibrated world")
-    return found
 
 
 def reality_lines(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
