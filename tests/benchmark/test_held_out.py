@@ -223,9 +223,9 @@ def test_scenarios_drawn_again_are_the_same_and_fewer_are_the_first_of_more(name
 
 
 def test_their_seeds_differ_from_those_of_tracks_tuning_and_training():
-    assert DRAWS not in (*range(len(SPLITS)), search.DRAWS)
+    assert DRAWS not in (*SPLITS.values(), search.DRAWS)
     seeds = [one.seed for name in CONDITIONS for one in draw_held_out(name)]
-    theirs = {one.seed for name in TRACKS for split in SPLITS for one in load_scenarios(name, split)[0]}
+    theirs = {one.seed for name in TRACKS for split in TRACKS[name].splits for one in load_scenarios(name, split)[0]}
     assert len(set(seeds)) == len(seeds) == len(CONDITIONS) * COUNT
     assert not theirs & set(seeds)
     assert all(0 <= seed < 2**31 for seed in seeds), "training seeds lie above"
