@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from spidar_gym.benchmark.scenario import draw_scenario_from, reset_options
-from spidar_gym.benchmark.track import CALIBRATED, HOVER, TRACKS, find_track
+from spidar_gym.benchmark.track import HOVER, TRACKS, find_track
 from spidar_gym.console import kept, run_cli
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import layout
@@ -151,7 +151,7 @@ def fly(args: Args, agent: Artifact, round_index: int, track: str) -> Records:
 
     vector, policy = make_vector(track, args.arguments, args.robots), LearnedPolicy(agent)
     # A seed has the number of its track in the order in which the tracks were added: the calibrated ones came last.
-    added = sorted(TRACKS, key=lambda name: TRACKS[name].group in CALIBRATED.values())
+    added = sorted(TRACKS, key=lambda name: TRACKS[name].is_calibrated)
     words = 2, round_index, added.index(track)
     rngs = [np.random.Generator(np.random.PCG64(training_seed(args.seed, *words, k))) for k in range(args.robots)]
     drawn = [draw_scenario_from(find_track(track), rng, k) for k, rng in enumerate(rngs)]

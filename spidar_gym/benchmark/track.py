@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
 from spidar_gym.errors import require_name
 from spidar_gym.sim.randomize import Randomization
+from spidar_gym.sim.worlds import World
 
 ValueT = TypeVar("ValueT")
 CAP = 5.0
@@ -82,14 +83,19 @@ class Track:
         return self.apart or GROUPED[self.env_id]
 
     @property
+    def is_calibrated(self) -> bool:
+        """Whether the track is in one of the groups `CALIBRATED`."""
+        return self.group in CALIBRATED.values()
+
+    @property
     def folder(self) -> str:
         """Subfolder of the rows of the track's group."""
-        return "calibrated" if self.group in CALIBRATED.values() else self.group
+        return "calibrated" if self.is_calibrated else self.group
 
     @property
     def splits(self) -> tuple[str, ...]:
         """Splits of the track's scenarios; only calibrated tracks have a second draw."""
-        return tuple(name for name in SPLITS if name != SECOND or self.group in CALIBRATED.values())
+        return tuple(name for name in SPLITS if name != SECOND or self.is_calibrated)
 
     def robots(self, index: int) -> Randomization:
         """Return the randomisation of a scenario's robot; scenarios have the kinds of a calibrated world in turn.
@@ -102,6 +108,11 @@ class Track:
         """
         how = Randomization.parse(self.options.get("randomization", 0.0))
         return replace(how, kind=index % len(how.world.kinds)) if how.world is not None and how.kind < 0 else how
+
+    @property
+    def calibration(self) -> World | None:
+        """Calibrated world of the robots; None for described and for randomised robots."""
+        return self.robots(0).world
 
     @property
     def reference(self) -> str:
