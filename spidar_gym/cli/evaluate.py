@@ -43,7 +43,8 @@ from spidar_gym.processes import cpu_count
 from spidar_gym.robot.description import assets_dir
 
 BASELINES = (
-    "baselines.qp:QP", "baselines.qp_as_flown:QPAsFlown", "baselines.qp_unconstrained:QPUnconstrained",
+    "baselines.qp:QP", "baselines.qp_as_flown:QPAsFlown", "baselines.qp_as_flown_quasi:QPAsFlownQuasi",
+    "baselines.qp_unconstrained:QPUnconstrained",
     "baselines.pinv:Pinv", "baselines.unlimited:Unlimited", "baselines.scaled:Scaled",
     "baselines.compensation:Compensation", "baselines.planning:Planning",
     "baselines.indi:Indi", "baselines.adrc:Adrc", "baselines.mpc:MPC",
@@ -51,6 +52,7 @@ BASELINES = (
     "baselines.qp_retuned:QPRetuned",
     "baselines.qp_tuned:QPOverlapped", "baselines.qp_robust_overlapped:QPRobustOverlapped",
     "baselines.qp_robust_overlapped:QPRobustOverlappedV1", "baselines.walking:Walking", "baselines.hold:Hold",
+    "baselines.blind:Blind",
     "baselines.course:CourseRule", "baselines.course:CourseFly", "baselines.course:CourseCrawl",
     "baselines.course_planner:CoursePlanner",
 )  # fmt: skip
