@@ -136,7 +136,9 @@ class Track:
 _REAL = {"sensors": True, "randomization": 0.3}
 _AHEAD = {"distance": 0.6, "direction": 0.0, "turn": 0.0}
 _ANYWHERE = {"distance": (0.2, 0.6), "direction": (-math.pi, math.pi), "turn": (-0.5, 0.5)}
-_WORLD = {"randomization": "calibrated_1"}
+WORLD = "calibrated_1"
+"""Calibrated world of the tracks."""
+_WORLD = {"randomization": WORLD}
 # Integrals begin at zero, as the world says. Within 10 s the paper's gains settle.
 _SETTLED = {"apart": CALIBRATED[FLIGHT], "settle": 10.0}
 

@@ -21,7 +21,10 @@ damped = "badly damped"
 """
 _ROW = '[[row]]\nfield = "{}"\norigin = "chosen"\nsource = "of a test"\nlog = {}\nranges = {}\n'
 ROWS = (
+    ("recirculation.flow_xy", "false", "{ wake = [0.01, 0.02], build = [0.0, 0.0] }"),
     ("recirculation.flow_z", "false", "{ wake = [0.03, 0.04], build = [0.0, 0.0] }"),
+    ("recirculation.turn_xy", "false", "{ wake = [0.04, 0.05], build = [0.0, 0.0] }"),
+    ("recirculation.turn_z", "false", "{ wake = [0.01, 0.02], build = [0.0, 0.0] }"),
     ("actuators.module_gain", "false", "{ wake = [1.0, 1.0], build = [0.95, 1.05] }"),
     ("actuators.joint_kd", "true", "{ described = [8.0, 8.0], damped = [0.6, 1.4] }"),
     ("actuators.joint_damping", "false", "{ described = [0.9, 0.9], damped = [0.0, 0.0] }"),
