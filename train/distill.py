@@ -84,7 +84,7 @@ PRESETS: dict[str, Args] = {
     "hover": Args(
         "distilled",
         "DAgger: a network that commands what `tuned` would, in torso axes; no controller, no QP.",
-        tuple(name for name, track in TRACKS.items() if track.env_id == HOVER),
+        tuple(name for name, track in TRACKS.items() if track.group == "flight"),
         "tuned",
     ),
     "first": Args(

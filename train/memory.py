@@ -112,7 +112,7 @@ PRESETS: dict[str, Args] = {
     "hover": Args(
         "memory",
         "Regression: forces against what pulls at the robot, remembered over seconds, on `tuned`.",
-        tuple(name for name, track in TRACKS.items() if track.env_id == HOVER),
+        tuple(name for name, track in TRACKS.items() if track.group == "flight"),
         "tuned",
     ),
 }
@@ -150,7 +150,9 @@ def fly(args: Args, agent: Artifact, round_index: int, track: str) -> Records:
     from train.lib.vector import make_vector  # imported late: needs torch
 
     vector, policy = make_vector(track, args.arguments, args.robots), LearnedPolicy(agent)
-    words = 2, round_index, list(TRACKS).index(track)
+    # A seed has the number of its track in the order in which the tracks were added: the calibrated ones came last.
+    added = sorted(TRACKS, key=lambda name: TRACKS[name].is_calibrated)
+    words = 2, round_index, added.index(track)
     rngs = [np.random.Generator(np.random.PCG64(training_seed(args.seed, *words, k))) for k in range(args.robots)]
     drawn = [draw_scenario_from(find_track(track), rng, k) for k, rng in enumerate(rngs)]
     options = [reset_options(scenario) for scenario in drawn]

@@ -19,11 +19,17 @@ FORM = {
     "format": int, "name": str, "kind": str, "doc": str, "policies": [str], "policies_sha256": [str], "given": [str],
     "training": ([(dict, None)], None), "arguments": dict, "command": str, "versions": {str: str}, "processor": str,
     "model_sha256": str,
-    "tracks": {str: {"split": str, "scenarios_sha256": str, "scenarios": [int], "runs": [{str: list}]}},
+    "tracks": {
+        str: {
+            "split": str, "scenarios_sha256": str, "scenarios": [int], "world": ({"name": str, "sha256": str}, None),
+            "runs": [{str: list}],
+        }
+    },
     "timing": {str: {"step_ms_p50_p99": [float, float], "policy_ms_p50_p99": [float, float], "wall_s": float}},
     "sha256": str,
 }  # fmt: skip
-"""Fields of a row; `arguments` only of learned policies, `given` not in the oldest rows."""
+"""Fields of a row; `arguments` only of learned policies, `given` not in the oldest rows, `world` only of
+calibrated tracks."""
 GIVEN = {"observation": "the environment's observation", "run": "the run's number, as seed", "state": "the whole state"}
 """Inputs of a policy as recorded in a row; only the package's allocators and control laws receive `state`."""
 
@@ -39,7 +45,7 @@ def check_content(content: Mapping[str, Any]) -> None:
         SpidarError: For the first invalid field.
     """
     try:
-        require_form({"arguments": {}, "given": [], "sha256": "", **content}, FORM, "it")
+        require_form({"arguments": {}, "given": [], "sha256": "", **_with_worlds(content)}, FORM, "it")
     except BorderError as error:
         raise RowError(f"{error}; valid: a row that `spidar eval` wrote") from error
     _check_words(content)
@@ -61,6 +67,15 @@ def check_content(content: Mapping[str, Any]) -> None:
         check_times(times)
 
 
+def _with_worlds(content: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the content with the field `world` in every track."""
+    tracks = content.get("tracks")
+    if not isinstance(tracks, Mapping):
+        return content
+    every = {name: {"world": None, **own} if isinstance(own, Mapping) else own for name, own in tracks.items()}
+    return {**content, "tracks": every}
+
+
 def _check_words(content: Mapping[str, Any]) -> None:
     """Check the fields of a row's origin, which are shown in tables."""
     check_name(content["name"])
@@ -77,13 +92,17 @@ def _check_words(content: Mapping[str, Any]) -> None:
     for name, text, most in lines:
         check_line(name, text, most)
     for digest in content["policies_sha256"]:
-        if not re.fullmatch("([0-9a-f]{64})?", digest):
+        if digest and not _is_sha256(digest):
             expected = "a SHA-256 in 64 hexadecimal digits, or nothing where there was no file"
             raise InvalidValueError("policies_sha256", digest, expected)
     for entry in filter(None, content["training"] or ()):
         # Tables show these two entries only.
         check_line("command of training", entry.get("command", ""))
         _check_number("steps of training", entry.get("steps", 0))
+
+
+def _is_sha256(digest: str) -> bool:
+    return re.fullmatch("[0-9a-f]{64}", digest) is not None
 
 
 def _check_arguments(arguments: Mapping[str, Any]) -> None:
@@ -112,6 +131,13 @@ def _check_track(name: str, track: Mapping[str, Any], runs: int) -> None:
     require_name("split", track["split"], SPLITS)
     if name not in TRACKS or load_scenarios(name, track["split"])[1] != track["scenarios_sha256"]:
         raise RowError(f"{_plain(name)} has other scenarios; valid: {ANEW}")
+    world = track.get("world")
+    if (world is not None) != TRACKS[name].is_calibrated:
+        raise RowError(f"{name} has {'no' if world is None else 'a'} calibrated world; valid: {ANEW}")
+    if world is not None:
+        check_name(world["name"])
+        if not _is_sha256(world["sha256"]):
+            raise InvalidValueError("sha256 of the world", world["sha256"], "64 hexadecimal digits")
     indices = track["scenarios"]
     within = all(0 <= index < SCENARIOS for index in indices)
     if not (within and indices and len(set(indices)) == len(indices)):

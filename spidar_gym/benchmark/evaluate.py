@@ -12,7 +12,7 @@ from spidar_gym.benchmark.metrics import check_metrics, told_in
 from spidar_gym.benchmark.resume import code_digest, digest_of, finish
 from spidar_gym.benchmark.scenario import Scenario, load_scenarios
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL, play_scenario, play_scenarios
-from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.benchmark.track import TRACKS, Track
 from spidar_gym.border import require_form
 from spidar_gym.errors import InvalidValueError, require_least
 from spidar_gym.policies.guest import close_guests, keeps_to_itself, open_policy
@@ -88,7 +88,12 @@ class Shard:
     def key(self, digest: str) -> str:
         """Return the name of the stored result, which depends on the policy's file, the scenario and the code."""
         words = self.policy, digest, self.track, self.split, self.scenario, self.control, self.run
-        return digest_of(*words, code_digest(*BEHAVIOUR))[:24]
+        return digest_of(*words, *calibration_words(TRACKS[self.track]), code_digest(*BEHAVIOUR))[:24]
+
+
+def calibration_words(track: Track) -> list[str]:
+    """Return the hash of the track's calibrated world, for names of stored results; nothing without a world."""
+    return [] if track.calibration is None else [track.calibration.digest]
 
 
 def play_shards(shards: Sequence[Shard]) -> list[dict[str, Any]]:
@@ -128,7 +133,7 @@ def evaluate(
             evaluated in this process.
         track: Track.
         scenarios: Number of scenarios from the first, their indices, or None for all.
-        split: `test` or `validation`.
+        split: One of `SPLITS`.
         workers: Number of processes.
         folder: Folder for finished scenarios, from which an interrupted evaluation resumes.
         ray: Address of a Ray cluster, `local` for one of `workers` workers on this machine.

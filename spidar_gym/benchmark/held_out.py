@@ -1,9 +1,9 @@
 """Held-out conditions, which are never used for training or tuning.
 
 A controller that was tuned or learned on the tracks may perform well on the tracks only. In each held-out condition one
-property of the robot deviates in a way that no track has, farther than in any randomised robot. The flights use joint
-speeds that no track has. The results are reported (`spidar leaderboard held-out`); tuning and training code never
-imports this module.
+property of the robot deviates in a way that no track has: farther than in any randomised robot, or, on robots of the
+calibrated world, beyond the world's range. The flights use fixed joint speeds that no track has. The results are
+reported (`spidar leaderboard held-out`); tuning and training code never imports this module.
 """
 
 import hashlib
@@ -13,12 +13,13 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import asdict
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from spidar_gym.arrays import constant
 from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
-from spidar_gym.benchmark.track import Track
+from spidar_gym.benchmark.track import TRACKS, WORLD, Track
 from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.errors import require_least, require_name
 from spidar_gym.robot import JOINT_NAMES, N_JOINTS, N_LINKS, N_ROTORS, ROBOT
@@ -85,6 +86,18 @@ def weakened(module: int, loss: float) -> ActuatorConfig:
     return ActuatorConfig(module_gain=gain, duct_imbalance=imbalance)
 
 
+def _beyond(name: str) -> dict[str, Any]:
+    """Return the options of a track with robots of the calibrated world and one effect beyond its range."""
+    return {"randomization": {"world": WORLD, **_BEYOND[name]}}
+
+
+def _calibrated_flight(doc: str, name: str) -> Track:
+    """Return a condition of flights, which begin and count as those of the calibrated tracks."""
+    track = TRACKS["flight-calibrated"]
+    options = {"forms": "independent", "joint_speed": 0.4, **_beyond(name)}
+    return Track(doc, HOVER, track.seconds, options, settle=track.settle)
+
+
 _PAYLOAD = PlantConfig(body=loaded(PAYLOAD, PLACE))
 _SERVO = PlantConfig(actuators=softened(SOFT, STIFFNESS))
 _DELAY = PlantConfig(actuators=ActuatorConfig(delay=DELAY))
@@ -92,6 +105,18 @@ _DUCT = PlantConfig(actuators=weakened(WEAK, LOSS))
 _TWICE = {"forms": "independent", "joint_speed": 0.4, "sensors": True}
 _FOURFOLD = {"forms": "independent", "joint_speed": 0.8, "sensors": True}
 _WIND = {"wind": (WIND, WIND)}
+_BEYOND: dict[str, dict[str, Any]] = {
+    # Badly damped joints without the dry friction that steadies those of the world.
+    "damping": {
+        "actuators.joint_kd": (0.35, 0.55), "actuators.joint_damping": (0.0, 0.0),
+        "actuators.joint_friction": (0.0, 0.0),
+    },
+    "delay": {"actuators.delay": (0.08, 0.08), "actuators.thrust_lag": (0.06, 0.06)},
+    "eddies": {f"recirculation.{size}": 1.5 for size in ("flow_xy", "flow_z", "turn_xy", "turn_z")},
+    "play": {"actuators.vectoring_backlash": (0.015, 0.015)},
+    "pegs": {"body.peg_friction": (0.05, 0.1)},
+}  # fmt: skip
+"""Name → one effect beyond its range in the calibrated world: ranges, or factors on the world's own."""
 _WAY = {"distance": (0.2, 0.6), "direction": (-math.pi, math.pi), "turn": (-0.5, 0.5)}
 
 CONDITIONS: dict[str, Track] = {
@@ -126,10 +151,38 @@ CONDITIONS: dict[str, Track] = {
     "delay-crawl": Track(
         "the same delay; 0.2 … 0.6 m in any direction", CRAWL, 75.0, {"sensors": True, "plant": _DELAY}, _WAY
     ),
+    "damping-calibrated": _calibrated_flight(
+        "robots of the calibrated world, all with joint damping of 0.35 … 0.55 Nm s/rad and no friction; legs twice as "
+        "fast", "damping"
+    ),
+    "delay-calibrated": _calibrated_flight(
+        "robots of the calibrated world, all with 80 ms from a command to the actuators and a thrust lag of 60 ms",
+        "delay",
+    ),
+    "eddies-calibrated": _calibrated_flight(
+        "robots of the calibrated world with eddies 1.5 times as large", "eddies"
+    ),
+    "play-calibrated": _calibrated_flight(
+        "robots of the calibrated world, all with 15 mrad of play in the vectoring axes", "play"
+    ),
+    "damping-calibrated-crawl": Track(
+        "the same damping; 0.2 … 0.6 m in any direction", CRAWL, 75.0, _beyond("damping"), _WAY
+    ),
+    "delay-calibrated-crawl": Track(
+        "the same delay and lag; 0.2 … 0.6 m in any direction", CRAWL, 75.0, _beyond("delay"), _WAY
+    ),
+    "eddies-calibrated-crawl": Track(
+        "the same eddies; 0.2 … 0.6 m in any direction", CRAWL, 75.0, _beyond("eddies"), _WAY
+    ),
+    "pegs-calibrated-crawl": Track(
+        "robots of the calibrated world, all with pegs of friction 0.05 … 0.1; 0.2 … 0.6 m in any direction", CRAWL,
+        75.0, _beyond("pegs"), _WAY,
+    ),
 }  # fmt: skip
 """Conditions by name; all with sensors, flights with independent legs at multiples of the paper's 0.2 rad/s.
 
-A flight's integrals begin at the wrench that the robot needs at rest in the wind, as on the tracks.
+A flight's integrals begin at the wrench that the robot needs at rest in the wind, as on the tracks; those of a robot of
+the calibrated world begin at zero, and errors count from 10 s, as on the calibrated tracks.
 """
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from spidar_gym.benchmark.evaluate import BEHAVIOUR, RESULT, play
+from spidar_gym.benchmark.evaluate import BEHAVIOUR, RESULT, calibration_words, play
 from spidar_gym.benchmark.held_out import CONDITIONS, COUNT, draw_held_out
 from spidar_gym.benchmark.metrics import check_metrics
 from spidar_gym.benchmark.resume import code_digest, digest_of, finish
@@ -187,7 +187,7 @@ def play_all(
     def name(one: Episode) -> str:
         own, digest = names[one.policy]
         words = one.policy, digest, one.condition, one.scenario, code_digest(*BEHAVIOUR, "benchmark/held_out.py")
-        return f"{own}/{one.condition}/{digest_of(*words)[:24]}"
+        return f"{own}/{one.condition}/{digest_of(*words, *calibration_words(CONDITIONS[one.condition]))[:24]}"
 
     if not all(map(keeps_to_itself, policies)):
         folder = None  # stored results must not be writable by a policy

@@ -197,7 +197,8 @@ def held_out_lines(content: Mapping[str, Any], group: str) -> list[list[str]]:
         UnknownNameError: For another group.
     """
     require_name("group", group, COMPARED)
-    conditions = [name for name, condition in CONDITIONS.items() if condition.group == group]
+    evaluated = {name for name in CONDITIONS if name in content["conditions"]}
+    conditions = [name for name, condition in CONDITIONS.items() if condition.group == group and name in evaluated]
     lines = [["condition", "policy", "against", *(heading for heading, *_ in COMPARED[group].values()), "success"]]
     for condition in conditions:
         for entry in content["policies"]:

@@ -1,7 +1,7 @@
 """Leaderboard: scores of rows with intervals, by track and over all tracks."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -20,10 +20,19 @@ from spidar_gym.benchmark.statistics import (
     ratio_score,
     stratified_bootstrap,
 )
-from spidar_gym.benchmark.track import TRACKS, by_group
+from spidar_gym.benchmark.track import CALIBRATED, TRACKS, by_group
 
-GROUPS = {group: [name for name, track in TRACKS.items() if track.group == group] for group in ("flight", "ground")}
-"""Groups with one overall score, and their tracks; tracks of other groups have only their own scores."""
+
+def _tracks_of(group: str) -> list[str]:
+    return [name for name, track in TRACKS.items() if track.group == group]
+
+
+FRONT = {group: _tracks_of(group) for group in CALIBRATED.values()}
+"""Groups of calibrated tracks and their tracks; their overall scores are the front of the leaderboard."""
+GROUPS = {group: _tracks_of(group) for group in ("flight", "ground")}
+"""Groups of the nominal part with one overall score, and their tracks."""
+RANKED = {**FRONT, **GROUPS}
+"""All groups with an overall score; tracks of other groups have only their own scores."""
 SHOWN: dict[str, tuple[tuple[str, str, float, int], ...]] = by_group({
     "flight": (
         ("position_rms_m", "pos. mm", 1e3, 1), ("attitude_rms_rad", "att. mrad", 1e3, 1),
@@ -52,6 +61,18 @@ COUNTED = ("unsolved", "violations")
 
 
 @dataclass(frozen=True)
+class Part:
+    """Results of a row over the robots of one variant or mixture of a calibrated world."""
+
+    error: float
+    """IQM of the errors."""
+    failed: float
+    """Share of failed scenarios."""
+    scenarios: int
+    """Number of scenarios."""
+
+
+@dataclass(frozen=True)
 class Cell:
     """Results of a row on a track."""
 
@@ -71,6 +92,8 @@ class Cell:
     """Number of evaluated scenarios."""
     metrics: dict[str, float]
     """Metrics of `SHOWN`."""
+    parts: dict[str, Part]
+    """Variant, then mixture of the track's calibrated world → results over its robots; empty without a world."""
 
 
 @dataclass(frozen=True)
@@ -85,10 +108,18 @@ class Board:
     """(row, track) → cell."""
     overall: Mapping[tuple[str, str], Interval]
     """(row, group) → geometric mean of the tracks' scores, for rows with all tracks of the group."""
+    second: "Board | None" = None
+    """Results on the second draw, of the rows that have it; None if the reference lacks it."""
+
+    @property
+    def has_front(self) -> bool:
+        """Whether a row has an overall score on calibrated tracks."""
+        return any(group in FRONT for _, group in self.overall)
 
 
 def tabulate(rows: Mapping[str, Row]) -> Board:
     """Compute scores and intervals of all rows (`RowError` without the reference row of a track)."""
+    seconds = {name: row.second for name, row in rows.items() if row.second is not None}
     for name in dict.fromkeys((REFERENCE, *(TRACKS[track].reference for row in rows.values() for track in row.tracks))):
         if name not in rows:
             raise RowError(f"there is no row {name}, to which scores refer; valid: rows with {name}.json")
@@ -101,11 +132,11 @@ def tabulate(rows: Mapping[str, Row]) -> Board:
     overall = {
         (name, group): interval
         for name, row in rows.items()
-        for group in GROUPS
+        for group in RANKED
         if (interval := overall_interval(row, rows[REFERENCE], group)) is not None
     }
     tracks = [track for track in TRACKS if any((name, track) in cells for name in rows)]
-    return Board(rows, tracks, cells, overall)
+    return Board(rows, tracks, cells, overall, tabulate(seconds) if REFERENCE in seconds else None)
 
 
 def common_tracks(row: Row, base: Row) -> list[str]:
@@ -147,31 +178,52 @@ def cell(row: Row, base: Row, track: str) -> Cell:
         failed=float(row.column(track, "failed").mean()),
         scenarios=len(strata[0][0]),
         metrics=metrics,
+        parts=_parts(row, track),
     )
+
+
+def _parts(row: Row, track: str) -> dict[str, Part]:
+    """Return the results over the robots of each variant, then of each mixture."""
+    kind = TRACKS[track]
+    if (world := kind.calibration) is None:
+        return {}
+    pairs = [world.pairs[kind.robots(index).kind] for index in row.scenarios(track)]
+    errors, failed = row.errors(track), row.column(track, "failed")
+    found = {}
+    for name, _ in (*world.variants, *world.mixtures):
+        own = [k for k, pair in enumerate(pairs) if name in pair]
+        if own:
+            found[name] = Part(float(iqm(errors[:, own].reshape(-1))), float(failed[:, own].mean()), len(own))
+    return found
 
 
 def overall_interval(row: Row, base: Row, group: str) -> Interval | None:
     """Compute the score over a group of tracks; None if the row lacks one of them."""
-    if not set(GROUPS[group]) <= set(common_tracks(row, base)):
+    if not set(RANKED[group]) <= set(common_tracks(row, base)):
         return None
-    strata = [pair(row, base, track) for track in GROUPS[group]]
+    strata = [pair(row, base, track) for track in RANKED[group]]
     return stratified_bootstrap(strata, overall_score, named_generator(row.name, group))
 
 
-def is_ranked(board: Board, name: str) -> bool:
-    """Return whether a row has an overall score, that is, all tracks of a group."""
-    return any((name, group) in board.overall for group in GROUPS)
+def ranked(board: Board, groups: Iterable[str]) -> list[str]:
+    """Return the rows with all tracks of one of the groups, by their best overall score, best first."""
+    best = {
+        name: max(scores)
+        for name in board.rows
+        if (scores := [board.overall[name, group].value for group in groups if (name, group) in board.overall])
+    }
+    return sorted(best, key=lambda name: -best[name])
 
 
 def ranking(board: Board, track: str) -> list[str]:
-    """Return the rows on a track, best first: by score, or by success and then error on tracks outside `GROUPS`.
+    """Return the rows on a track, best first: by score, or by success and then error on tracks outside `RANKED`.
 
-    On tracks outside `GROUPS` reaching the goal matters. Failures dominate the mean error and hence the score there, so
+    On tracks outside `RANKED` reaching the goal matters. Failures dominate the mean error and hence the score there, so
     that a row which fails in few scenarios but misses the goal in most would lead.
     """
     own = [name for name in board.rows if (name, track) in board.cells]
     cells = {name: board.cells[name, track] for name in own}
-    if TRACKS[track].group in GROUPS:
+    if TRACKS[track].group in RANKED:
         return sorted(own, key=lambda name: -cells[name].score.value)
     return sorted(own, key=lambda name: (-cells[name].success, cells[name].error))
 
@@ -183,6 +235,7 @@ def as_json(board: Board) -> dict[str, Any]:
             {"policy": name, "group": group, **asdict(interval)} for (name, group), interval in board.overall.items()
         ],
         "tracks": [{"policy": name, "track": track, **_finite(asdict(c))} for (name, track), c in board.cells.items()],
+        **({} if board.second is None else {"second": as_json(board.second)}),
     }
 
 

@@ -77,10 +77,10 @@ METRICS: dict[str, Metric] = {
     "failed": Metric("ended early, late at a form, or not finished; the error is the cap", bool),
     "failure": Metric("reason of the failure, as text", str),
     "position_rms_m": Metric(
-        "flight: RMS of ‖position error‖ after the first second", float, 10.0, (FLIGHT,), spread=_spread(1e-05, 0.0)
+        "flight: RMS of ‖position error‖ after the settling time", float, 10.0, (FLIGHT,), spread=_spread(1e-05, 0.0)
     ),
     "attitude_rms_rad": Metric(
-        "RMS of ‖attitude error‖ after the first second; on the ground and on courses RMS of the tilt",
+        "RMS of ‖attitude error‖ after the settling time; on the ground and on courses RMS of the tilt",
         float,
         math.tau,
         spread=_spread(1e-05, 0.0003, 3e-4),

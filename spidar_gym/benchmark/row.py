@@ -11,7 +11,7 @@ import numpy as np
 
 from spidar_gym.benchmark.content import RowError, check_content
 from spidar_gym.benchmark.evaluate import Score
-from spidar_gym.benchmark.track import REFERENCES, SCENARIOS, TRACKS
+from spidar_gym.benchmark.track import REFERENCES, SCENARIOS, SECOND, TRACKS
 from spidar_gym.committed import ROOT, committed
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.files import write_text
@@ -27,6 +27,7 @@ from spidar_gym.policies.policy import (
 )
 from spidar_gym.policies.provenance import processor, versions
 from spidar_gym.robot.description import model_hash
+from spidar_gym.sim.worlds import World
 
 FORMAT = 2
 """Version of the rows' format."""
@@ -59,6 +60,8 @@ class Row:
     """Content of the file."""
     added: tuple["Row", ...] = ()
     """Rows of the same runs on further tracks, each from a separate file."""
+    second: "Row | None" = None
+    """Row of the same runs on the second draw of the calibrated tracks, from a separate file."""
 
     @property
     def tracks(self) -> list[str]:
@@ -71,6 +74,11 @@ class Row:
             if track in part.content["tracks"]:
                 return part
         raise KeyError(track)
+
+    @property
+    def files(self) -> list["Row"]:
+        """The row of each file: this one, those of further tracks, and that of the second draw."""
+        return [self, *self.added, *([] if self.second is None else [self.second])]
 
     @property
     def base(self) -> str:
@@ -123,6 +131,7 @@ def make_row(
             "split": runs[0].split,
             "scenarios_sha256": runs[0].scenarios_sha256,
             "scenarios": list(runs[0].indices),
+            **({} if (world := TRACKS[track].calibration) is None else {"world": world_words(world)}),
             "runs": [run.metrics for run in runs],
         }
         times[track] = {
@@ -150,6 +159,11 @@ def make_row(
     check_content(content)
     content["sha256"] = row_hash(content)
     return row_of(content)
+
+
+def world_words(world: World) -> dict[str, str]:
+    """Return name and hash of a calibrated world as recorded in a row."""
+    return {"name": world.name, "sha256": world.digest}
 
 
 def _sees_the_state(policy: Policy, scores: Mapping[str, Sequence[Score]]) -> bool:
@@ -268,12 +282,12 @@ def read_row(path: Path) -> Row:
 
 
 def row_files(folder: Path, name: str = "*") -> list[Path]:
-    """Return the row files of a folder, then those of its subfolders, which are named after groups of tracks.
+    """Return the row files of a folder, then those of its subfolders: of groups of tracks, and of the second draw.
 
     Groups of tracks that were added later have subfolders, so that older files keep their processor, versions and hash.
     """
-    groups = dict.fromkeys(track.group for track in TRACKS.values())
-    return [path for place in ("", *groups) for path in sorted((folder / place).glob(f"{name}.json"))]
+    places = dict.fromkeys(track.folder for track in TRACKS.values())
+    return [path for place in ("", *places, SECOND) for path in sorted((folder / place).glob(f"{name}.json"))]
 
 
 def read_rows(folder: Path, name: str = "*") -> dict[str, Row]:
@@ -290,7 +304,10 @@ def read_rows(folder: Path, name: str = "*") -> dict[str, Row]:
     rows: dict[str, Row] = {}
     for path in row_files(folder, name):
         row = read_row(path)
-        rows[row.name] = _joined(rows[row.name], row, path, folder) if row.name in rows else row
+        if path.parent == folder / SECOND:
+            rows[row.name] = _with_second(rows.get(row.name), row, path)
+        else:
+            rows[row.name] = _joined(rows[row.name], row, path, folder) if row.name in rows else row
     if not rows:
         raise RowError(f"{folder} has no rows; valid: a folder with rows that `spidar eval` wrote")
     return {name: rows[name] for name in sorted(rows, key=lambda name: (name != REFERENCE, name))}
@@ -303,9 +320,24 @@ def _joined(row: Row, other: Row, path: Path, folder: Path) -> Row:
         raise RowError(f"{path} is a second row {row.name}; valid: one file a row")
     if both:
         raise RowError(f"{path} has {', '.join(sorted(both))} a second time; valid: tracks that row {row.name} lacks")
+    _require_same(row, other, path)
+    return replace(row, added=(*row.added, other))
+
+
+def _with_second(row: Row | None, other: Row, path: Path) -> Row:
+    """Join a row with the row of the same runs on the second draw."""
+    if row is None:
+        raise RowError(f"{path} is a second draw without a first; valid: beside a row of the same policies")
+    if any(other.split(track) != SECOND for track in other.tracks):
+        raise RowError(f"{path} has other scenarios; valid: those of `spidar eval --split {SECOND}`")
+    _require_same(row, other, path)
+    return replace(row, second=other)
+
+
+def _require_same(row: Row, other: Row, path: Path) -> None:
+    """Refuse a row of other policies than those of the row with which it is joined."""
     if any(row.content[key] != other.content[key] for key in ("kind", "policies", "policies_sha256")):
         raise RowError(f"{path} is of other policies than row {row.name}; valid: the same ones, or another name")
-    return replace(row, added=(*row.added, other))
 
 
 def committed_rows() -> dict[str, Row]:
@@ -320,10 +352,11 @@ def committed_row(name: str = REFERENCE) -> Row | None:
     return None if folder is None else read_rows(folder, name)[name]
 
 
-def committed_references() -> dict[str, Row]:
-    """Read the committed reference rows."""
+def committed_references(split: str = "test") -> dict[str, Row]:
+    """Read the committed reference rows: of the second draw for its split, else of the test scenarios."""
     found = {name: committed_row(name) for name in dict.fromkeys(REFERENCES.values())}
-    return {name: row for name, row in found.items() if row is not None}
+    own = {name: row and row.second if split == SECOND else row for name, row in found.items()}
+    return {name: row for name, row in own.items() if row is not None}
 
 
 def _committed_folder(name: str) -> Path | None:
@@ -347,7 +380,7 @@ def among_committed(own: Mapping[str, Row]) -> tuple[dict[str, Row], list[str]]:
 
 def _hashes(row: Row) -> set[str]:
     """Return the hashes of a row's files."""
-    return {part.content["sha256"] for part in (row, *row.added)}
+    return {part.content["sha256"] for part in row.files}
 
 
 def eval_command(specs: Sequence[str], tracks: Sequence[str], split: str = "test", scenarios: int = SCENARIOS) -> str:

@@ -79,14 +79,13 @@ class Scenario:
 
 def scenario_rng(track: str, split: str, index: int) -> np.random.Generator:
     """Return the generator that samples a scenario, seeded by track, split and index."""
-    entropy = [zlib.crc32(track.encode()), SPLITS.index(split), index]
+    entropy = [zlib.crc32(track.encode()), SPLITS[split], index]
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(entropy)))
 
 
 def draw_scenario(name: str, split: str, index: int) -> Scenario:
     """Sample a scenario of a track and split; the same arguments always yield the same scenario."""
-    find_track(name)
-    require_name("split", split, SPLITS)
+    require_name("split", split, find_track(name).splits)
     return draw_scenario_from(TRACKS[name], scenario_rng(name, split, index), index)
 
 
@@ -99,10 +98,10 @@ def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Sc
         disturbances = {}
     start = None
     if track.world == BOTH:
-        start = _rounded(plain_course(CourseTask(**_own(CourseTask, track)).draw_course(rng)))
+        start = _rounded(plain_course(CourseTask(**_own(CourseTask, track, options)).draw_course(rng)))
     elif track.flies:
         kind = PathTask if track.env_id == PATH else HoverTask
-        task = kind(horizon_s=track.seconds, perturbation=OFFSET, **_own(kind, track))
+        task = kind(horizon_s=track.seconds, perturbation=OFFSET, **_own(kind, track, options))
         drawn = draw_start(task, rng)
         goals = [[goal.start, round(goal.deadline, 6), np.round(goal.joint_target, 4).tolist()] for goal in drawn.goals]
         position, rotation, path = drawn.position, drawn.rotation, drawn.path
@@ -116,7 +115,8 @@ def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Sc
     # The environment samples robot and wind; a flight's preload is the wrench that the robot needs at rest in the wind.
     env = make_env(track, scenario, {})
     env.reset(seed=seed, options=reset_options(scenario))
-    if isinstance(env, HoverEnv):
+    world = env.randomization.world
+    if isinstance(env, HoverEnv) and (world is None or world.trimmed):
         assert start is not None
         trim = env.compute_trim()
         if disturbances:
@@ -143,9 +143,10 @@ def _mean_air_force(track: Track, scenario: Scenario) -> np.ndarray:
     return force @ exp(np.array([0.0, 0.0, yaw])) if yaw else force
 
 
-def _own(kind: type[Any], track: Track) -> dict[str, Any]:
-    """Return the track's options that are fields of its task."""
-    return {field.name: track.options[field.name] for field in fields(kind) if field.name in track.options}
+def _own(kind: type[Any], track: Track, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of the track and of a scenario that are fields of the track's task."""
+    every = {**track.options, **options}
+    return {field.name: every[field.name] for field in fields(kind) if field.name in every}
 
 
 def _rounded(value: Any) -> Any:  # noqa: ANN401 - numbers, and lists and dictionaries of them
@@ -171,10 +172,14 @@ def robot_digest(draws: Mapping[str, np.ndarray]) -> str:
 
 def make_env(track: Track, scenario: Scenario, arguments: Mapping[str, Any]) -> SpidarEnv:
     """Create the environment of a scenario with a policy's arguments, without wrappers."""
+    options = {**track.options, "randomization": track.robots(scenario.index), **scenario.options, **arguments}
     env = gymnasium.make(
-        track.env_id, **{**track.options, **scenario.options, **arguments}, horizon_s=track.seconds,
-        max_episode_steps=round(track.seconds * CONTROL_RATE), disable_env_checker=True,
-    ).unwrapped  # fmt: skip
+        track.env_id,
+        **options,
+        horizon_s=track.seconds,
+        max_episode_steps=round(track.seconds * CONTROL_RATE),
+        disable_env_checker=True,
+    ).unwrapped
     assert isinstance(env, SpidarEnv)
     return env
 
@@ -201,7 +206,7 @@ def scenario_files(*, on_scenario: Callable[[], object] = lambda: None) -> dict[
     """Return all scenario files and the file of their hashes: path relative to assets/ → text."""
     files = {}
     for split in SPLITS:
-        for name in TRACKS:
+        for name in (name for name, track in TRACKS.items() if split in track.splits):
             path = f"scenarios/{split}/{name}.json"
             files[path] = _unless_equal(assets_dir() / path, scenario_text(name, split, on_scenario=on_scenario))
     files[PINS] = "".join(f"{_sha256(text)}  {path.split('/', 1)[1]}\n" for path, text in files.items())
@@ -229,8 +234,7 @@ def load_scenarios(name: str, split: str = "test") -> tuple[tuple[Scenario, ...]
         UnknownNameError: For a track or split that does not exist.
         StaleAssetError: When the file is missing, invalid or does not match its pinned hash.
     """
-    find_track(name)
-    require_name("split", split, SPLITS)
+    require_name("split", split, find_track(name).splits)
     path, pins = assets_dir() / "scenarios" / split / f"{name}.json", assets_dir() / PINS
     try:
         data = read_file(path, MOST_BYTES).replace(b"\r\n", b"\n")  # Git may check out CRLF

@@ -14,7 +14,6 @@ from spidar_gym.control.course.gates import parse_course
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.info import drawn
 from spidar_gym.envs.progress import CourseProgress, CrawlProgress, FlightProgress
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies.actor import Actor
@@ -77,7 +76,7 @@ def play_scenario(
         until_finished=False,
     )
     check_drawn(env.sampled_parameters, scenario, place)
-    watch, tally = FleetWatch(env.fleet, env.failures), Tally(1)
+    watch, tally = FleetWatch(env.fleet, env.failures), Tally(1, track.settle)
     times: list[float] = []
     info: dict[str, Any] = {}
     rest, only = _steps_of(REST_S, env), np.zeros(1, int)
@@ -125,8 +124,8 @@ def play_scenarios(
     begin = time.perf_counter()
     track, count = track or find_track(name), len(scenarios)
     arguments = _arguments(policy, name, track, control)
-    # Without scenario-specific options, the rules of one environment hold for all scenarios.
-    own = bool(track.ranges)
+    # Without options or robots of the scenarios' own, the rules of one environment hold for all scenarios.
+    own = bool(track.ranges) or track.robots(0) != track.robots(1)
     envs = [make_env(track, scenario, arguments) for scenario in (scenarios if own else scenarios[:1])]
     env = envs[0]
     if arguments["control"] != CONTROL:
@@ -148,22 +147,21 @@ def play_scenarios(
         fleet.seed(k, np_random(scenario.seed)[0])
     fleet.reset()
     for k, scenario in enumerate(scenarios):
-        draws = drawn(fleet.robots[k]["episode"]["drawn"]) if track.options.get("randomization") else {}
-        check_drawn(draws, scenario, f"{name}, scenario {scenario.index}")
+        check_drawn(env.sampled(fleet, k), scenario, f"{name}, scenario {scenario.index}")
     actor.reset_batch([run] * count)
-    tally, times = _fly(
-        fleet, FleetWatch(fleet, env.failures), actor, _steps_of(track.seconds, env), _steps_of(REST_S, env)
-    )
+    watch, tally = FleetWatch(fleet, env.failures), Tally(count, track.settle)
+    times = _fly(fleet, watch, actor, tally, _steps_of(track.seconds, env), _steps_of(REST_S, env))
     metrics = [tally.metrics(k, env.tell(fleet, k), _progress(fleet, k)) for k in range(count)]
     fleet.close()
     wall = time.perf_counter() - begin
     return [{"metrics": own, "timing": _timing(actor.times, times, wall, count)} for own in metrics]
 
 
-def _fly(fleet: Fleet, watch: FleetWatch, actor: Actor, steps: int, rest_steps: int) -> tuple[Tally, list[float]]:
-    """Step the robots until all episodes have ended; returns the tally and the times of the steps [s]."""
-    count = len(fleet.robots)
-    tally, times = Tally(count), list[float]()
+def _fly(
+    fleet: Fleet, watch: FleetWatch, actor: Actor, tally: Tally, steps: int, rest_steps: int
+) -> list[float]:  # fmt: skip
+    """Step the robots until all episodes have ended, counting in the tally; returns the times of the steps [s]."""
+    count, times = len(fleet.robots), list[float]()
     rest, ids = np.full(count, rest_steps), np.arange(count)
     for _ in range(steps):
         # A copy, so that the policy cannot change the fleet's observations.
@@ -177,7 +175,7 @@ def _fly(fleet: Fleet, watch: FleetWatch, actor: Actor, steps: int, rest_steps: 
         ids = ids[(rest[ids] > 0) & ~fleet.terminated[ids]]
         if not ids.size:
             break
-    return tally, times
+    return times
 
 
 def _arguments(policy: Policy, name: str, track: Track, control: str) -> dict[str, Any]:

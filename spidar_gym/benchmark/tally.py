@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.benchmark.metrics import METRICS, told_in
-from spidar_gym.benchmark.track import BOTH, FLIGHT, GROUND, SETTLE_S, course_error, flight_error, ground_error
+from spidar_gym.benchmark.track import BOTH, FLIGHT, GROUND, course_error, flight_error, ground_error
 from spidar_gym.control.allocation.allocator import ANSWERED
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.fleet import Fleet
@@ -99,8 +99,14 @@ class FleetWatch:
 class Tally:
     """Accumulator for N episodes; the result of each depends neither on N nor on the other episodes."""
 
-    def __init__(self, robots: int) -> None:
-        """Initialise with zeros."""
+    def __init__(self, robots: int, settle: float) -> None:
+        """Initialise with zeros.
+
+        Args:
+            robots: Number of episodes.
+            settle: Time from which RMS errors are computed [s].
+        """
+        self._settling = round(settle * CONTROL_RATE)
         self.ticks = np.zeros(robots, int)
         self._numbers = np.zeros(robots, int)
         self._under_way = np.zeros(robots, int)
@@ -174,9 +180,9 @@ class Tally:
         }
 
     def _rms(self, which: int, robot: int) -> float:
-        """Return the RMS after the first `SETTLE_S`, or over the whole of a shorter episode."""
+        """Return the RMS after the settling time, or over the whole of a shorter episode."""
         squares = [rows[which][robot].item() for rows in self._squares[: self._numbers[robot]]]
-        counted = squares[round(SETTLE_S * CONTROL_RATE) :] or squares
+        counted = squares[self._settling :] or squares
         return math.sqrt(sum(counted) / len(counted)) if counted else 0.0
 
 

@@ -2,21 +2,26 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
 from spidar_gym.errors import require_name
+from spidar_gym.sim.randomize import Randomization
+from spidar_gym.sim.worlds import World
 
 ValueT = TypeVar("ValueT")
 CAP = 5.0
 """Error of a failed scenario, and largest error of any scenario."""
 SCENARIOS = 50
 """Number of scenarios per track and split."""
-SPLITS = ("test", "validation")
-"""Splits: rows use `test`; `validation` is for the selection among the user's policies."""
+SECOND = "second"
+"""Split with a second draw of the test scenarios of calibrated tracks, which shows what the first draw decides."""
+SPLITS = {"test": 0, "validation": 1, SECOND: 4}
+"""Splits and their numbers in the scenarios' seeds: rows use `test`; `validation` is for the selection among the user's
+policies. The search uses 2, the held-out conditions 3."""
 SETTLE_S = 1.0
-"""Time of a flight from which RMS errors are computed [s]."""
+"""Time of an episode from which RMS errors are computed on most tracks [s]."""
 REST_S = 1.0
 """Time for which a crawl or a course continues after it is finished [s]."""
 POSITION_SCALE, ATTITUDE_SCALE = 0.05, 0.05
@@ -30,7 +35,12 @@ FLIGHT, GROUND, BOTH = "flight", "ground", "course"
 """World of a track: in the air, on the floor, or both."""
 GROUPED = {HOVER: "flight", CRAWL: "ground", PATH: "path", COURSE: "course"}
 """Environment → group of its tracks. `flight` and `ground` have an overall score each."""
-REFERENCES = {"flight": "qp", "ground": "qp", "path": "qp", "course": "course_rule", "steps": "qp"}
+CALIBRATED = {FLIGHT: "calibrated flight", GROUND: "calibrated ground"}
+"""World of a track → group of the tracks with robots of a calibrated world, with an overall score each."""
+REFERENCES = {
+    "calibrated flight": "qp", "calibrated ground": "qp", "flight": "qp", "ground": "qp", "path": "qp",
+    "course": "course_rule", "steps": "qp",
+}  # fmt: skip
 """Group → reference row of its scores."""
 
 
@@ -54,6 +64,8 @@ class Track:
     """Share of the scenarios without disturbances."""
     apart: str = ""
     """Name of a separate group; the group of the environment if empty."""
+    settle: float = SETTLE_S
+    """Time from which RMS errors are computed [s]; a failure counts at any time."""
 
     @property
     def world(self) -> str:
@@ -67,8 +79,40 @@ class Track:
 
     @property
     def group(self) -> str:
-        """Group of the track: `flight`, `ground`, `path`, `course` or `steps`."""
+        """Group of the track, one of `REFERENCES`."""
         return self.apart or GROUPED[self.env_id]
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether the track is in one of the groups `CALIBRATED`."""
+        return self.group in CALIBRATED.values()
+
+    @property
+    def folder(self) -> str:
+        """Subfolder of the rows of the track's group."""
+        return "calibrated" if self.is_calibrated else self.group
+
+    @property
+    def splits(self) -> tuple[str, ...]:
+        """Splits of the track's scenarios; only calibrated tracks have a second draw."""
+        return tuple(name for name in SPLITS if name != SECOND or self.is_calibrated)
+
+    def robots(self, index: int) -> Randomization:
+        """Return the randomisation of a scenario's robot; scenarios have the kinds of a calibrated world in turn.
+
+        Args:
+            index: Index of the scenario.
+
+        Raises:
+            UnknownNameError: For a calibrated world that does not exist.
+        """
+        how = Randomization.parse(self.options.get("randomization", 0.0))
+        return replace(how, kind=index % len(how.world.kinds)) if how.world is not None and how.kind < 0 else how
+
+    @property
+    def calibration(self) -> World | None:
+        """Calibrated world of the robots; None for described and for randomised robots."""
+        return self.robots(0).world
 
     @property
     def reference(self) -> str:
@@ -84,15 +128,33 @@ class Track:
                 f"{MISS_SCALE:g} m + largest contact force / {HIT_SCALE:g} N), a radian counts 0.5 m"
             )
         if self.flies:
-            return f"½ (position RMS / {POSITION_SCALE:g} m + attitude RMS / {ATTITUDE_SCALE:g} rad)"
+            late = "" if self.settle == SETTLE_S else f", RMS from {self.settle:g} s"
+            return f"½ (position RMS / {POSITION_SCALE:g} m + attitude RMS / {ATTITUDE_SCALE:g} rad){late}"
         return f"½ (final error / {REST_SCALE:g} m + energy per metre / {ENERGY_SCALE:g} Wh/m), a radian counts 0.5 m"
 
 
 _REAL = {"sensors": True, "randomization": 0.3}
 _AHEAD = {"distance": 0.6, "direction": 0.0, "turn": 0.0}
 _ANYWHERE = {"distance": (0.2, 0.6), "direction": (-math.pi, math.pi), "turn": (-0.5, 0.5)}
+WORLD = "calibrated_1"
+"""Calibrated world of the tracks."""
+_WORLD = {"randomization": WORLD}
+# Integrals begin at zero, as the world says. Within 10 s the paper's gains settle.
+_SETTLED = {"apart": CALIBRATED[FLIGHT], "settle": 10.0}
 
 TRACKS: dict[str, Track] = {
+    "flight-calibrated": Track(
+        "independent legs at the paper's 0.2 rad/s; robots of the calibrated world", HOVER, 30.0,
+        {**_WORLD, "forms": "independent", "joint_speed": 0.2}, **_SETTLED,
+    ),
+    "flight-calibrated-fast": Track(
+        "independent legs at 0.6 … 1.0 rad/s; robots of the calibrated world", HOVER, 30.0,
+        {**_WORLD, "forms": "independent"}, {"joint_speed": (0.6, 1.0)}, **_SETTLED,
+    ),
+    "ground-calibrated": Track(
+        "0.2 … 0.6 m in any direction, turning by up to ± 0.5 rad; robots of the calibrated world", CRAWL, 75.0,
+        _WORLD, _ANYWHERE, apart=CALIBRATED[GROUND],
+    ),
     "flight-paper": Track(
         "the paper's forms ① → ② → ③ at 0.2 rad/s with real sensors", HOVER, 16.0, {"forms": "paper", "sensors": True}
     ),

@@ -11,10 +11,10 @@ import numpy as np
 from spidar_gym.benchmark.content import RowError
 from spidar_gym.benchmark.evaluate import Shard, run_shards
 from spidar_gym.benchmark.metrics import METRICS, differences
-from spidar_gym.benchmark.row import Row
+from spidar_gym.benchmark.row import Row, world_words
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.scoring import CONTROL
-from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.benchmark.track import SECOND, TRACKS
 from spidar_gym.policies.provenance import file_digest, processor, versions
 from spidar_gym.policies.source import is_own, source_file
 
@@ -80,6 +80,21 @@ def require_own_policies(row: Row, *, trust: bool) -> None:
             )
         if file_digest(source_file(spec)) != digest:
             raise RowError(f"row {row.name}: {spec} has changed since; valid: the row evaluated again")
+
+
+def require_worlds(row: Row, track: str) -> None:
+    """Refuse a row whose calibrated world is not the present one (`RowError` with both)."""
+    present, then = TRACKS[track].calibration, row.part(track).content["tracks"][track].get("world")
+    if present is not None and then != world_words(present):
+        words = [f"{world['name']} {world['sha256'][:12]}" for world in (then, world_words(present))]
+        raise RowError(
+            f"row {row.name}: {track} is of world {words[0]}, not {words[1]}; valid: the row evaluated again"
+        )
+
+
+def with_second_draws(rows: Mapping[str, Row]) -> dict[str, Row]:
+    """Return the rows, and those of their second draws by `NAME (second)`."""
+    return {**rows, **{f"{name} ({SECOND})": row.second for name, row in rows.items() if row.second is not None}}
 
 
 def shard_of(row: Row, track: str, run: int, k: int, control: str = CONTROL, *, trust: bool = False) -> Shard:
@@ -167,6 +182,8 @@ def verify(
     """
     for name in dict.fromkeys(pick.row for pick in picks):
         require_own_policies(rows[name], trust=trust)
+    for name, track in dict.fromkeys((pick.row, pick.track) for pick in picks):
+        require_worlds(rows[name], track)
     shards = [shard_of(rows[pick.row], pick.track, pick.run, pick.k, control, trust=trust) for pick in picks]
     checks: dict[int, Check] = {}
 
@@ -185,9 +202,9 @@ def _compare(row: Row, pick: Pick, metrics: dict[str, Any], conditions: str) -> 
     _, track, run, k = pick
     then = {name: values[k] for name, values in row.part(track).content["tracks"][track]["runs"][run].items()}
     moved = differences(then, metrics, world=TRACKS[track].world)
-    where = f"{row.name}, {track}, run {run}, scenario {row.scenarios(track)[k]}: error {metrics['error']:.6g}"
+    where = f"{pick.row}, {track}, run {run}, scenario {row.scenarios(track)[k]}: error {metrics['error']:.6g}"
     fell = bool(then["failed"]) and all(then[name] == metrics[name] for name in ("failed", "failure", "error"))
-    check = Check(row.name, f"{where}, equal", conditions, moved, metrics, fell)
+    check = Check(pick.row, f"{where}, equal", conditions, moved, metrics, fell)
     if check.equal:
         return check
     if check.passes and fell:

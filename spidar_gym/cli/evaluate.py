@@ -32,7 +32,7 @@ from spidar_gym.benchmark.row import (
 )
 from spidar_gym.benchmark.scenario import WRITER, load_scenarios, scenario_files
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL
-from spidar_gym.benchmark.track import REFERENCES, SCENARIOS, SPLITS, TRACKS
+from spidar_gym.benchmark.track import REFERENCES, SCENARIOS, SECOND, SPLITS, TRACKS
 from spidar_gym.cli.held_out import held_out
 from spidar_gym.console import drawn, goes_on, kept, progress
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, require_least, require_name
@@ -43,7 +43,8 @@ from spidar_gym.processes import cpu_count
 from spidar_gym.robot.description import assets_dir
 
 BASELINES = (
-    "baselines.qp:QP", "baselines.qp_as_flown:QPAsFlown", "baselines.qp_unconstrained:QPUnconstrained",
+    "baselines.qp:QP", "baselines.qp_as_flown:QPAsFlown", "baselines.qp_as_flown_quasi:QPAsFlownQuasi",
+    "baselines.qp_unconstrained:QPUnconstrained",
     "baselines.pinv:Pinv", "baselines.unlimited:Unlimited", "baselines.scaled:Scaled",
     "baselines.compensation:Compensation", "baselines.planning:Planning",
     "baselines.indi:Indi", "baselines.adrc:Adrc", "baselines.mpc:MPC",
@@ -51,6 +52,7 @@ BASELINES = (
     "baselines.qp_retuned:QPRetuned",
     "baselines.qp_tuned:QPOverlapped", "baselines.qp_robust_overlapped:QPRobustOverlapped",
     "baselines.qp_robust_overlapped:QPRobustOverlappedV1", "baselines.walking:Walking", "baselines.hold:Hold",
+    "baselines.blind:Blind",
     "baselines.course:CourseRule", "baselines.course:CourseFly", "baselines.course:CourseCrawl",
     "baselines.course_planner:CoursePlanner",
 )  # fmt: skip
@@ -80,9 +82,10 @@ def eval_(
             Several policies become the runs (training seeds) of one row.
         tracks: Tracks; all on which the policy is defined if none is given.
         baselines: Evaluate all classical baselines instead of --policy, with one row each.
-        split: Scenarios to use: test, or validation for choosing among your own policies.
+        split: Scenarios to use: test; validation for choosing among your own policies; second for the second draw of
+            the calibrated tracks.
         scenarios: Number of scenarios per track, from the first.
-        out: Folder for the row, NAME.json.
+        out: Folder for the row, NAME.json; a row of the second draw is written to its subfolder second.
         cache: Folder for finished scenarios, from which an interrupted evaluation resumes.
         workers: Number of processes, or of workers of a local Ray cluster.
         ray: Address of the Ray cluster that evaluates the scenarios: local, auto, or host:port.
@@ -91,11 +94,12 @@ def eval_(
     """
     _check_eval(policy, tracks, baselines, split, scenarios, workers, act_limit)
     rows: list[Row] = []
+    folder = out / SECOND if split == SECOND else out
     for specs in [(spec,) for spec in BASELINES] if baselines else [policy]:
         policies = [open_policy(spec, trust=trust) for spec in specs]
         require_one_policy(policies, specs)
         defined = defined_on(policies[0])
-        chosen = [t for t in (tracks or TRACKS) if TRACKS[t].env_id in defined]
+        chosen = [t for t in (tracks or TRACKS) if TRACKS[t].env_id in defined and split in TRACKS[t].splits]
         if not chosen:
             if baselines:
                 continue
@@ -108,15 +112,15 @@ def eval_(
                 act_limit_s=act_limit, trust=trust, on_scenario=bar.update, on_track=bar.set_postfix_str,
             )  # fmt: skip
         row = make_row(policies, specs, scores, command=eval_command(specs, tracks, split, scenarios))
-        write_row(row, out)
+        write_row(row, folder)
         rows.append(row)
-    references = committed_references() | {row.name: row for row in rows if row.name in REFERENCES.values()}
+    references = committed_references(split) | {row.name: row for row in rows if row.name in REFERENCES.values()}
     if json:
         print(json_text({"rows": [summary(row, references) for row in rows]}))
         return
     for row in rows:
         print(report(row, references))
-        print(f"written to {out / (row.name + '.json')}\n")
+        print(f"written to {folder / (row.name + '.json')}\n")
 
 
 def _check_eval(
@@ -131,6 +135,10 @@ def _check_eval(
     for track in tracks:
         require_name("track", track, TRACKS)
     require_name("split", split, SPLITS)
+    for track in tracks:
+        if split not in TRACKS[track].splits:
+            has = [name for name, own in TRACKS.items() if split in own.splits]
+            raise InvalidValueError("tracks", track, f"tracks with the split {split}: {', '.join(has)}")
     require_least(1, workers=workers)
     if not 1 <= scenarios <= SCENARIOS:
         raise InvalidValueError("scenarios", scenarios, f"a number within 1 … {SCENARIOS}")
@@ -233,7 +241,7 @@ def verify(
     found = read_rows(rows)
     for name in names:
         require_name("row", name, found)
-    found = {name: row for name, row in found.items() if name in (names or found)}
+    found = verifying.with_second_draws({name: row for name, row in found.items() if name in (names or found)})
     picks = verifying.every_scenario(found, tracks)
     if not picks:
         raise InvalidValueError("tracks", tracks, "tracks of the rows")
@@ -308,7 +316,8 @@ def scenarios(check: Flag = False) -> None:
         check: Write nothing; fail if a committed file differs from the sampled scenarios.
     """
     root = assets_dir()
-    with progress(total=len(SPLITS) * len(TRACKS) * SCENARIOS, unit="scenario", desc="draw") as bar:
+    total = SCENARIOS * sum(len(track.splits) for track in TRACKS.values())
+    with progress(total=total, unit="scenario", desc="draw") as bar:
         files = scenario_files(on_scenario=bar.update)
     written = refresh({root / name: text for name, text in files.items()}, WRITER, check=check)
     if check:

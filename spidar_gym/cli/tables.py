@@ -11,7 +11,7 @@ from spidar_gym.benchmark.comparison import compare_rows, comparison_tables
 from spidar_gym.benchmark.held_out import HELD_OUT
 from spidar_gym.benchmark.held_out_table import condition_lines, held_out_lines, origin_lines, read_content, worst_lines
 from spidar_gym.benchmark.leaderboard import tabulate
-from spidar_gym.benchmark.leaderboard_tables import overall_lines, track_lines
+from spidar_gym.benchmark.leaderboard_tables import first_lines, track_lines
 from spidar_gym.benchmark.row import read_row, read_rows
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.cli.bench import engine_lines
@@ -53,7 +53,7 @@ def _compared(root: Path, name: str, base: str, group: str = "") -> Lines:
 
 
 def _overall(root: Path, count: str = "") -> Lines:
-    lines = overall_lines(tabulate(read_rows(root / "baselines" / "scores")))
+    lines = first_lines(tabulate(read_rows(root / "baselines" / "scores")))
     return lines[: int(count) + 1] if count else lines
 
 

@@ -228,7 +228,7 @@ class SpidarEnv(
         """Randomisation of the robots."""
         return self._randomization
 
-    def _drawn(self, fleet: Fleet, robot: int) -> dict[str, np.ndarray]:
+    def sampled(self, fleet: Fleet, robot: int) -> dict[str, np.ndarray]:
         """Return the sampled parameters of a robot of a fleet of this environment."""
         episode = fleet.robots[robot]["episode"]
         kind = {"kind": np.array(episode["kind"])} if self._randomization.world else {}
@@ -268,7 +268,7 @@ class SpidarEnv(
         take_back(self.np_random, fleet.robots[0]["episode"]["generator"])
         self.plant.reread()
         self._forget()
-        self.sampled_parameters = self._drawn(fleet, 0)
+        self.sampled_parameters = self.sampled(fleet, 0)
         if self.render_mode == "human":
             self.render()
         return self._shown()
@@ -394,7 +394,7 @@ class SpidarEnv(
 
     def tell(self, fleet: Fleet, robot: int = 0) -> dict[str, Any]:
         """Return `info` of a robot of a fleet of this environment, with codes replaced by words."""
-        draws = self._drawn(fleet, robot)
+        draws = self.sampled(fleet, robot)
         words = words_of(self.failures, self.words)
         info = info_of(fleet.infos[robot : robot + 1], self.reward_terms, fleet.terms[robot], words)
         return info | {"randomization": draws}

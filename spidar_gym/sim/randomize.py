@@ -37,11 +37,13 @@ class Randomization:
     strength: float = 0.0
     """Strength 0 … 1; a sample x of the table becomes x₀ + strength (x − x₀), x₀ being the value without effect."""
     ranges: tuple[tuple[str, float, float], ...] = ()
-    """Custom ranges (field, low, high) that replace the table's, independently of the strength."""
+    """Custom ranges (field, low, high) that replace the table's, independently of the strength, or the world's."""
     world: World | None = None
-    """Calibrated world, whose rows are sampled instead."""
+    """Calibrated world, whose rows are sampled instead; those with a custom range that it lacks follow."""
     kind: int = -1
     """Index of the kind of the world's robots; −1 if each episode samples one."""
+    factors: tuple[tuple[str, float], ...] = ()
+    """Factors (field, factor) on the ranges of rows of the world."""
 
     @classmethod
     def parse(cls, given: "float | str | Path | Mapping[str, Any] | Randomization") -> "Randomization":
@@ -51,7 +53,9 @@ class Randomization:
             given: A strength; or ranges by field, `{"body.total_mass": (15.5, 17.0)}`, with `strength` for all others
                 of `TABLE`, 0 by default; or a TOML file of these, in which a field may be in the table of its part; or
                 a calibrated world by name or file, `calibrated_1`, or one kind of its robots,
-                `calibrated_1:wake-damped`.
+                `calibrated_1:wake-damped`; or, beyond its ranges, `world` with ranges for robots of all kinds, or with
+                factors on the ranges of each kind: `{"world": "calibrated_1", "actuators.delay": (0.08, 0.08),
+                "recirculation.flow_z": 1.5}`.
 
         Raises:
             UnknownNameError: For a field that is in neither table, a world or a kind that does not exist; it lists the
@@ -72,6 +76,8 @@ class Randomization:
         if not isinstance(given, Mapping):
             check_strength(given)
             return cls(float(given))
+        if "world" in given:
+            return cls._beyond(given)
         rest = {name: value for name, value in _flat(given).items() if name != "strength"}
         strength = given.get("strength", 0.0)
         check_strength(strength)
@@ -83,6 +89,27 @@ class Randomization:
         if kind:
             require_name("kind of robots", kind, world.kinds)
         return cls(world=world, kind=world.kinds.index(kind) if kind else -1)
+
+    @classmethod
+    def _beyond(cls, given: Mapping[str, Any]) -> "Randomization":
+        """Return the randomisation of a world with custom ranges."""
+        base = cls.parse(given["world"]) if isinstance(given["world"], str | Path) else cls()
+        if base.world is None:
+            raise InvalidValueError("randomization: world", given["world"], "name or file of a calibrated world")
+        rows = {row.field: row for row in base.world.rows}
+        ranges, factors = list[tuple[str, float, float]](), list[tuple[str, float]]()
+        for name, value in _flat({key: own for key, own in given.items() if key != "world"}).items():
+            if is_finite(value):
+                require_name("randomization: row of the world", name, rows)
+                if not value > 0.0:
+                    raise InvalidValueError(f"randomization: {name}", value, "a factor above 0, or a range (low, high)")
+                _range(name, (value * rows[name].low, value * rows[name].high))
+                factors.append((name, float(value)))
+                continue
+            ranges.append(_range(name, value))
+            if name in rows and rows[name].is_log and not ranges[-1][1] > 0.0:
+                raise InvalidValueError(f"randomization: {name}", value, "a range above 0, whose logarithm is sampled")
+        return replace(base, ranges=tuple(ranges), factors=tuple(factors))
 
     @property
     def name(self) -> str:
@@ -119,9 +146,25 @@ class Randomization:
     def rows(self) -> tuple[Row, ...]:
         """Rows of the nominal robot that are sampled, in order: `TABLE`, and the optional ones with a range."""
         if self.world is not None:
-            return self.world.rows
+            return self._rows_of(self.world)
         own = {name for name, _, _ in self.ranges}
         return (*TABLE, *(row for row in OPTIONAL_ROWS if row.field in own)) if own else TABLE
+
+    def _rows_of(self, world: World) -> tuple[Row, ...]:
+        """Return the rows of the world with custom ranges and factors, then the further rows with a custom range."""
+        if not (self.ranges or self.factors):
+            return world.rows
+        own, factors = {name: ends for name, *ends in self.ranges}, dict(self.factors)
+        known = {row.field for row in world.rows}
+        further = [row for row in (*TABLE, *OPTIONAL_ROWS) if row.field in own and row.field not in known]
+        rows = []
+        for row in (*world.rows, *further):
+            factor = factors.get(row.field, 1.0)
+            kinds = [own[row.field]] * len(world.kinds) if row.field in own else row.kinds
+            ends = tuple((factor * low, factor * high) for low, high in kinds)
+            low, high = min(low for low, _ in ends), max(high for _, high in ends)
+            rows.append(replace(row, low=low, high=high, kinds=ends))
+        return tuple(rows)
 
     def table(self, nominal: PlantConfig) -> tuple[float, tuple[Row, ...]]:
         """Return the strength and the table to sample from.

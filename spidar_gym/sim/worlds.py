@@ -59,9 +59,14 @@ class World:
     """Sampled parameters."""
 
     @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Mixture and variant of each kind."""
+        return tuple((m, v) for (m, _), (v, _) in product(self.mixtures, self.variants))
+
+    @property
     def kinds(self) -> tuple[str, ...]:
         """Names of the kinds, `mixture-variant`."""
-        return tuple(f"{m}-{v}" for (m, _), (v, _) in product(self.mixtures, self.variants))
+        return tuple("-".join(pair) for pair in self.pairs)
 
 
 def world_names() -> list[str]:

@@ -17,6 +17,7 @@ from spidar_gym.tasks import course
 from spidar_gym.tasks.hover import SUCCESS_ATTITUDE, SUCCESS_POSITION
 
 IDS = [
+    "flight-calibrated", "flight-calibrated-fast", "ground-calibrated",
     "flight-paper", "flight-forms", "flight-fast3", "flight-fast5", "flight-randomised", "flight-wind",
     "flight-narrow", "ground-paper", "ground-directions", "ground-friction", "ground-uneven", "ground-randomised",
     "flight-path", "ground-steps", "course-takeoff", "course-gates", "course-mixed",
@@ -55,10 +56,13 @@ def test_a_track_flies_or_crawls_as_it_is_called_and_has_a_line_of_its_own(name)
         PATH if name == "flight-path" else {"flight": HOVER, "ground": CRAWL, "course": COURSE}[world]
     )
     assert (track.world, track.flies) == (world, world == "flight")
-    assert track.group == {"flight-path": "path", "ground-steps": "steps"}.get(name, world)
-    assert (
-        track.formula == TRACKS[{"flight": "flight-paper", "ground": "ground-paper"}.get(world, "course-gates")].formula
-    )
+    calibrated = "calibrated" in name
+    group = f"calibrated {world}" if calibrated else world
+    assert track.group == {"flight-path": "path", "ground-steps": "steps"}.get(name, group)
+    assert track.folder == ("calibrated" if calibrated else track.group)
+    assert track.splits == ("test", "validation", *(("second",) if calibrated else ()))
+    formula = TRACKS[{"flight": "flight-paper", "ground": "ground-paper"}.get(world, "course-gates")].formula
+    assert track.formula == formula + (", RMS from 10 s" if calibrated and track.flies else "")
     assert track.reference == REFERENCES[track.group] == ("course_rule" if world == "course" else "qp")
     assert track.doc
     assert "\n" not in track.doc
@@ -73,7 +77,7 @@ def test_the_environment_takes_what_the_track_fixes_and_both_ends_of_what_it_dra
     assert not set(track.options) & set(track.ranges)
     drawn = {key: bounds[end] for key, bounds in track.ranges.items()}
     weather = {key: bounds[end] for key, bounds in track.disturbances.items()}
-    env = gymnasium.make(track.env_id, **track.options, **drawn, disturbances=weather, horizon_s=track.seconds)
+    env = gymnasium.make(track.env_id, **{**track.options, **drawn}, disturbances=weather, horizon_s=track.seconds)
     for key, value in {**track.options, **drawn}.items():
         if key in vars(env.unwrapped.task):
             assert getattr(env.unwrapped.task, key) == value

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from spidar_gym.benchmark import HOVER, TRACKS, load_scenarios, scoring
-from spidar_gym.benchmark.row import read_row, row_hash
+from spidar_gym.benchmark.row import read_row, read_rows, row_hash
 from spidar_gym.benchmark.track import SCENARIOS
 from spidar_gym.cli import evaluate as cli_eval
 from spidar_gym.cli.evaluate import BASELINES
@@ -202,8 +202,8 @@ def test_all_baselines_get_a_row_each_where_they_are_defined(here, capfd, monkey
     out = capfd.readouterr().out
     names = {path.stem for path in (here / "out" / "scores").glob("*.json")}
     assert names == {
-        "qp", "qp_as_flown", "qp_unconstrained", "pinv", "unlimited", "scaled", "compensation", "planning",
-        "indi", "adrc", "mpc", "qp_tuned", "qp_tuned_v1", "qp_retuned", "hold",
+        "qp", "qp_as_flown", "qp_as_flown_quasi", "qp_unconstrained", "pinv", "unlimited", "scaled", "compensation",
+        "planning", "indi", "adrc", "mpc", "qp_tuned", "qp_tuned_v1", "qp_retuned", "hold", "blind",
     }  # fmt: skip
     assert len(names) == len(BASELINES) - 8, "four only crawl, four go courses"
     assert all(f"\n{name}: " in "\n" + out for name in names)
@@ -470,3 +470,20 @@ def test_stale_scenario_files_are_named_by_the_check_and_written_without_it(tmp_
     main(["scenarios"])
     assert f"1 of {len(drawn)} files written" in capfd.readouterr().out
     assert files(tmp_path / "scenarios") == fresh
+
+
+def test_a_second_draw_is_written_beside_the_first_and_verified_with_it(here, capfd):
+    track, words = "flight-calibrated", ["--scenarios", "2", "--workers", "1", "--out", "rows"]
+    for split in ("test", "second"):
+        main(["eval", "--policy", QP, "--tracks", track, "--split", split, *words])
+        assert re.search(rf"{track} +1 \[1, 1\]", capfd.readouterr().out), "compared with its own draw"
+    assert {path for path in files(here / "rows")} == {"qp.json", "second/qp.json"}
+    row = read_rows(here / "rows")["qp"]
+    assert (row.split(track), row.second.split(track)) == ("test", "second")
+    main(["leaderboard", "verify", "--rows", "rows", "--all", "--workers", "1"])
+    shown = capfd.readouterr().out
+    assert f"qp (second), {track}, run 0, scenario 1" in shown
+    assert "4 scenarios of 2 rows evaluated again: 4 equal bit for bit" in shown
+    line = refused(capfd, main, ["eval", "--policy", QP, "--tracks", TRACK, "--split", "second", *words])
+    assert f"{TRACK!r}" in line
+    assert "flight-calibrated, flight-calibrated-fast, ground-calibrated" in line

@@ -23,6 +23,10 @@ from spidar_gym.envs.registry import PATH
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import defined_on, policy_arguments, policy_digest, policy_doc, policy_kind, policy_name
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
+from spidar_gym.sim.body import BodyConfig
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.tasks.hover import HoverTask
+from spidar_gym.tasks.start import draw_start
 
 ROOT = Path(__file__).resolve().parents[2]
 TRACK = "flight-fast5"
@@ -225,3 +229,30 @@ def test_hold_forgets_its_command_at_a_reset():
         policy.reset(0)
         actions.append(policy.act(env.reset(seed=scenario.seed, options=reset_options(scenario))[0]).tolist())
     assert actions[0] != actions[1]
+
+
+@pytest.mark.parametrize(
+    ("env_id", "own", "ticks"),
+    [(HOVER, {"forms": "independent", "joint_speed": 0.6}, 120), (CRAWL, {"distance": 0.3, "direction": 0.5}, 800)],
+)
+def test_blind_commands_do_not_depend_on_what_the_robot_does(env_id, own, ticks):
+    """A light robot and a heavy one, pushed by the wind, receive the same commands from the same start."""
+    policy = load_policy("baselines.blind:Blind")
+    commands, ends = [], []
+    for mass, wind in ((15.0, 0.0), (17.0, 1.0)):
+        plant = PlantConfig(body=BodyConfig(total_mass=mass))
+        env = gymnasium.make(
+            env_id, **own, **policy_arguments(policy, env_id), plant=plant, disturbances={"wind": wind}
+        ).unwrapped
+        start = draw_start(HoverTask(**own), np.random.default_rng(4)) if env_id == HOVER else None
+        env.reset(seed=4, options={} if start is None else {"start": replace(start, trim=np.zeros(6))})
+        told = []
+        for _ in range(ticks):
+            env.step(np.zeros(env.action_space.shape))
+            command = env.command
+            told.append(np.concatenate((command.thrust, command.vectoring.reshape(-1), command.joint_position)))
+        commands.append(np.array(told))
+        ends.append(env.state.position_w)
+    assert np.array_equal(*commands)
+    assert np.abs(np.subtract(*ends)).max() > 0.001
+    assert np.ptp(commands[0][:, -16:], axis=0).max() > 0.1, "the joints move"

@@ -237,3 +237,54 @@ def test_a_saved_flight_of_a_world_goes_on_with_its_robot(world):
     plain = HoverEnv(horizon_s=5.0)
     with pytest.raises(SpidarError, match="options"):
         plain.restore_state(env.save_state())
+
+
+def test_a_world_with_ranges_beyond_its_own_samples_them_in_every_kind(world):
+    given = {"world": str(world), "actuators": {"joint_kd": (0.35, 0.55)}, "recirculation.flow_z": 1.5,
+             "actuators.delay": (0.08, 0.09)}  # fmt: skip
+    how, plain = Randomization.parse(given), Randomization.parse(world)
+    rows = {row.field: row for row in how.rows}
+    assert [row.field for row in how.rows] == [*(row.field for row in plain.rows), "actuators.delay"]
+    assert rows["actuators.joint_kd"].kinds == ((0.35, 0.55),) * 4
+    assert rows["actuators.joint_kd"].is_log
+    assert rows["recirculation.flow_z"].kinds == ((1.5 * 0.03, 1.5 * 0.04),) * 2 + ((0.0, 0.0),) * 2
+    assert rows["body.peg_friction"] == plain.rows[-1]
+    env = gymnasium.make("spidar_gym/Hover-v0", randomization=given)
+    for seed in range(6):
+        sampled = env.reset(seed=seed)[1]["randomization"]
+        before = gymnasium.make("spidar_gym/Hover-v0", randomization=world).reset(seed=seed)[1]["randomization"]
+        assert 0.35 <= sampled["actuators.joint_kd"] <= 0.55
+        assert 0.08 <= sampled["actuators.delay"] <= 0.09
+        assert sampled["recirculation.flow_z"] == pytest.approx(1.5 * before["recirculation.flow_z"])
+        for field in ("kind", "actuators.module_gain", "body.peg_friction"):
+            np.testing.assert_array_equal(sampled[field], before[field])
+    kind = Randomization.parse({**given, "world": f"{world}:air-soft"})
+    assert (kind.kind, kind.rows) == (1, how.rows)
+
+
+def test_ranges_beyond_a_world_can_stand_in_a_file(tmp_path, world):
+    path = tmp_path / "beyond.toml"
+    path.write_text(f'world = "{world}"\n"recirculation.flow_z" = 2\n[actuators]\njoint_kd = [0.35, 0.55]\n')
+    given = {"world": str(world), "recirculation.flow_z": 2.0, "actuators.joint_kd": (0.35, 0.55)}
+    assert Randomization.parse(path) == Randomization.parse(given)
+
+
+@pytest.mark.parametrize(
+    ("own", "expected"),
+    [
+        ({"actuators.delay": 2.0}, "unknown randomization: row of the world 'actuators.delay'.*valid: actuators.joint"),
+        ({"actuators.joint_kd": 0.0}, r"joint_kd = 0.0 .*a factor above 0"),
+        ({"actuators.joint_kd": (0.0, 1.0)}, r"a range above 0"),
+        ({"actuators.joint_kd": (2.0, 1.0)}, r"a range \(low, high\)"),
+        ({"actuators.module_gain": -1.0}, "a factor above 0"),
+        ({"body.total_mass": (-3.0, 5.0)}, "values of a robot"),
+        ({"body.masses": (1.0, 2.0)}, "body.masses"),
+        ({"strength": 0.5}, "strength"),
+        ({"world": 1.0}, "name or file of a calibrated world"),
+        ({"world": "no_world"}, "no_world"),
+    ],
+)
+def test_invalid_ranges_beyond_a_world_are_refused_in_one_line(world, own, expected):
+    with pytest.raises(SpidarError, match=expected) as error:
+        Randomization.parse({"world": str(world), **own})
+    assert "\n" not in str(error.value)

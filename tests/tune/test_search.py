@@ -12,7 +12,7 @@ import pytest
 
 from spidar_gym.benchmark import HOVER, scoring
 from spidar_gym.benchmark.scenario import load_scenarios
-from spidar_gym.benchmark.track import CAP, SPLITS, TRACKS
+from spidar_gym.benchmark.track import CAP, TRACKS
 from spidar_gym.control.presets import RETUNED, ROBUST_OVERLAPPED, ROBUST_RETUNED, TUNED, TUNED_V1
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, UnknownNameError
 from spidar_gym.tune import crawl
@@ -89,9 +89,8 @@ def test_scenarios_are_the_searchs_own_and_other_ones_in_every_generation():
     drawn = [draw_scenarios("flight", generation, seed, 2) for generation, seed in ((0, 0), (1, 0), (0, 1))]
     assert drawn[0] == draw_scenarios("flight", 0, 0, 2)
     seeds = [one.seed for draw in drawn for scenarios in draw.values() for one in scenarios]
-    seeds += [
-        one.seed for split in SPLITS for name in SEARCHES["flight"].tracks for one in load_scenarios(name, split)[0]
-    ]
+    for name in SEARCHES["flight"].tracks:
+        seeds += [one.seed for split in TRACKS[name].splits for one in load_scenarios(name, split)[0]]
     assert len(set(seeds)) == len(seeds)
     wind = drawn[0]["flight-wind"][0]
     assert 1.0 <= wind.disturbances["wind"] <= 3.0

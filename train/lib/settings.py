@@ -68,7 +68,7 @@ FLIGHT_ENV = EnvConfig(
     washout=1.0,
 )
 """Environment of PPO in flight."""
-DIRECT_TRACKS = tuple(name for name, track in TRACKS.items() if track.env_id == HOVER)
+DIRECT_TRACKS = tuple(name for name, track in TRACKS.items() if track.group == "flight")
 """All tracks of Hover-v0: a policy without a controller is trained for all of them at once."""
 JOINTS = tuple(range(3 * N_ROTORS, torso.ACTION))
 """Entries of the action that move joint targets off their form; they stay 0, as exploring them teaches nothing."""

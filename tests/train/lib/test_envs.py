@@ -9,7 +9,7 @@ pytest.importorskip("stable_baselines3", reason="the extra `train` is not instal
 from support.training import TINY
 
 from spidar_gym.benchmark.scenario import load_scenarios
-from spidar_gym.benchmark.track import CRAWL, HOVER, SPLITS, TRACKS
+from spidar_gym.benchmark.track import CRAWL, HOVER, TRACKS
 from spidar_gym.policies.artifact import Washout
 from train.lib.config import CONTROL
 from train.lib.envs import FIRST_SEED, NOMINAL, EnvConfig, make_track_env, training_seed
@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.train, pytest.mark.usefixtures("short")]
 
 
 def test_no_seed_of_training_is_one_of_a_scenario():
-    known = {s.seed for track in TRACKS for split in SPLITS for s in load_scenarios(track, split)[0]}
+    known = {s.seed for track in TRACKS for split in TRACKS[track].splits for s in load_scenarios(track, split)[0]}
     assert max(known) < FIRST_SEED
     drawn = {training_seed(run, *words) for run in range(20) for words in ((0, 3), (1, 7), (2, 1, 5), (3,))}
     assert len(drawn) == 80
