@@ -212,6 +212,7 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
     int ground = config->wake && config->ground_effect != 0.0 && (boxed || !(lowest > 4.0 * world->propeller_radius));
     /* Ducts: drag of the shroud, lift lost to the inflow, and ram drag ρ A w V⊥, since the air that a duct swallows
      * leaves along its axis. */
+    double kept = 1.0;
     s = all;
     for (int k = 0; k < SP_DUCTS; k++, s++) {
         const double *V = s->air, *axis = up + 3 * k;
@@ -222,7 +223,10 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
             if (boxed) height -= top_under(world, sim, centre);
             factor = near_ground(factor, height, axis[2], world, config->ground_effect);
         }
-        if (config->stacking_loss > 0.0) factor *= stacked(all, axis, k / 2, config->stacking_loss);
+        if (config->stacking_loss > 0.0) { /* the same for both ducts of a module */
+            if (k % 2 == 0) kept = stacked(all, axis, k / 2, config->stacking_loss);
+            factor *= kept;
+        }
         double lift = lifts[k] * (factor - 1.0) + 0.5 * noise[k / 2] - ram * axial;
         double drag = half * config->duct_drag_area * sp_norm(V) + ram;
         for (int i = 0; i < 3; i++) s->F[i] = drag * V[i] + lift * axis[i];
