@@ -24,9 +24,11 @@ from spidar_gym.paper.flight import flight_lines
 from spidar_gym.paper.flight_studies import speed_lines
 from spidar_gym.sitl.course_faults import course_fault_lines
 from spidar_gym.studies.ablations import ablation_lines
+from spidar_gym.studies.calibrate import fit_lines, profile_lines
 from spidar_gym.studies.gates import gate_lines
 from spidar_gym.studies.hops import hop_lines
 from spidar_gym.studies.lost import lost_lines
+from spidar_gym.studies.reality import reality_lines
 from spidar_gym.studies.steps import step_lines
 from spidar_gym.text import format_table
 from spidar_gym.tune.flight import loops, margin_lines
@@ -123,6 +125,10 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "gates": lambda result: gate_lines(result["gates"]),
     "ablations": lambda result: ablation_lines(result["ablations"]),
     "steps": lambda result: step_lines(result["steps"]),
+    "calibrate": lambda result: fit_lines(result["calibrate"]),
+    "blind": lambda result: fit_lines(result["blind"]),
+    "profiles": lambda result: profile_lines(result["profiles"]),
+    "reality": lambda result: reality_lines(result["reality"]),
     "engine": lambda result: engine_lines(result["engine"]),
 }
 """Tables of results by the key `table`: the JSON of a command's `--json` → the table that it prints otherwise."""

@@ -278,7 +278,7 @@ def _flight_figures(time: np.ndarray, rows: np.ndarray, *, failed: bool) -> dict
     def within(window: tuple[float, float]) -> np.ndarray:
         return (time >= window[0]) & (time <= window[1])
 
-    def rms(values: np.ndarray) -> np.ndarray:
+    def rms(values: np.ndarray) -> Any:  # noqa: ANN401 - a number of one column, an array of several
         return np.sqrt((values**2).mean(axis=0)) if len(values) else np.full(values.shape[1:], math.nan)
 
     def mean(values: np.ndarray) -> float:

@@ -12,6 +12,7 @@ WORLD = "calibrated_1"
 _TEXT = """doc = "Robots of a test."
 sensors = true
 trimmed = false
+floor_steps = 0.001
 [mixtures]
 wake = "eddies"
 build = "unequal rotors"
