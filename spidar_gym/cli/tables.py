@@ -22,6 +22,7 @@ from spidar_gym.paper.crawl import crawl_lines
 from spidar_gym.paper.crawl_study import study_lines
 from spidar_gym.paper.flight import flight_lines
 from spidar_gym.paper.flight_studies import speed_lines
+from spidar_gym.sim.worlds import find_world, world_lines
 from spidar_gym.sitl.course_faults import course_fault_lines
 from spidar_gym.studies.ablations import ablation_lines
 from spidar_gym.studies.calibrate import fit_lines, profile_lines
@@ -70,11 +71,11 @@ def _margins(root: Path, preset: str) -> Lines:
 
 
 SUMMARY = {
-    "flight_noise": (
+    "flight_quasi": (
         "RMSE position x y z, 0–27 s [m]", "RMSE attitude x y z, 0–27 s [rad]", "θ of rotors 1 3 5 7, form ③ [rad]",
         "allocated τ₂, form ③ [Nm]", "endurance in form ① (calibrated) [min]",
     ),
-    "crawl_noise": (
+    "crawl": (
         "final position error x y z [mm]", "duration [s]", "Σλ / mg, mean", "endurance (predicted) [min]",
     ),
 }  # fmt: skip
@@ -82,19 +83,19 @@ SUMMARY = {
 
 
 def _summary(root: Path) -> Lines:
-    """Return the paper's experiments in about eight lines, with the ratio of the real errors to the simulated ones."""
-    lines = [["experiment", "", "simulated", "paper", "paper ÷ simulated"]]
+    """Return the paper's experiments in about eight lines, with the ratio of the real errors to the calibrated ones."""
+    lines = [["experiment", "", "nominal", "with noise", "calibrated", "paper", "paper ÷ calibrated"]]
     for name, chosen in SUMMARY.items():
         result = read_result(root / RESULTS / f"{name}.json")
         rows = {first: rest for first, *rest in DRAWN[result["table"]](result["result"])}
         for label in chosen:
-            simulated, paper = rows[label]
+            *_, calibrated, paper = rows[label]
             ratio = "–"
             if label.startswith(("RMSE", "final")):  # errors
-                pairs = zip(simulated.split(), paper.split(), strict=True)
+                pairs = zip(calibrated.split(), paper.split(), strict=True)
                 ratio = ", ".join(f"{abs(float(real) / float(ours)):.2g}" for ours, real in pairs)
-            cells = (simulated.replace("  ", ", "), paper.replace("  ", ", "))
-            lines.append([name.removesuffix("_noise"), label, *cells, ratio])
+            cells = (cell.replace("  ", ", ") for cell in rows[label])
+            lines.append([name.removesuffix("_quasi"), label, *cells, ratio])
     return lines
 
 
@@ -110,6 +111,7 @@ COMPUTED: dict[str, Callable[..., Lines]] = {
     "margins": _margins,
     "methods": method_lines,
     "summary": _summary,
+    "world": lambda root, name: world_lines(find_world(name)),
     "tracks": lambda root: [["track", "what it tests"], *([f"`{name}`", t.doc] for name, t in TRACKS.items())],
 }
 """Tables from the leaderboard's rows and from the code: name → function of the clone's root and arguments → cells."""

@@ -251,8 +251,7 @@ def crawl_lines(
     """Return the table of our figures beside the paper's; arguments as in `flight_lines`."""
     lines = _crawl_rows(figures)
     if noisy:
-        own = {name: ours for name, ours, _ in _crawl_rows(noisy)}
-        lines = [[name, ours, own.get(name, "–"), theirs] for name, ours, theirs in lines]
+        lines = [[*line[:2], own[1], line[2]] for line, own in zip(lines, _crawl_rows(noisy), strict=True)]
         lines[0][1:3] = "nominal", "with noise"
     return with_calibrated(lines, calibrated)
 

@@ -234,10 +234,13 @@ def flight_lines(
         noisy: Figures of the same flight with noise, for a second column.
         calibrated: `calibrated_figures` of flights with calibrated robots, for a further column.
     """
-    columns = [_flight_cells(figures), *([_flight_cells(noisy)] if noisy else [])]
-    lines = [[name, *(own[name][0] for own in columns), columns[-1][name][1]] for name in columns[0]]
+    lines = _flight_rows(figures)
     if noisy:
-        lines[0] = [f"flight, preset {figures['preset']}", "nominal", "with noise", "paper"]
+        lines = [
+            [name, ours, own, theirs]
+            for (name, ours, _), (_, own, theirs) in zip(lines, _flight_rows(noisy), strict=True)
+        ]
+        lines[0][1:3] = "nominal", "with noise"
     return with_calibrated(lines, calibrated)
 
 
@@ -251,11 +254,6 @@ def with_calibrated(lines: list[list[str]], calibrated: dict[str, Any] | None) -
         [*head[:-1], title, head[-1]],
         *([*line[:-1], calibrated["lines"].get(line[0], "–"), line[-1]] for line in rest),
     ]
-
-
-def _flight_cells(figures: dict[str, Any]) -> dict[str, tuple[str, str]]:
-    """Return our figure and the paper's by label; the first is the heading."""
-    return {name: (ours, theirs) for name, ours, theirs in _flight_rows(figures)}
 
 
 def _flight_rows(figures: dict[str, Any]) -> list[list[str]]:

@@ -144,3 +144,29 @@ def _row(entry: Mapping[str, Any], kinds: list[tuple[str, str]], names: list[str
     low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
     own = {"low": low, "high": high, "source": entry["source"], "origin": origin}
     return replace(known[field], **own, is_log=entry["log"], kinds=tuple(ranges))
+
+
+def world_lines(world: World) -> list[list[str]]:
+    """Return the table of a world's rows: field, operation, range of each kind, unit, origin, source."""
+    lines = [["field of `PlantConfig`", "operation", "range", "unit", "origin", "source"]]
+    for row in world.rows:
+        own = {_span(*ends) for ends in row.kinds}
+        shown = own.pop() if len(own) == 1 else ", ".join(_grouped(world, row))
+        count = f" × {math.prod(row.shape)}" if row.shape else ""
+        shown += count + (", log" if row.is_log else "")
+        lines.append([f"`{row.field}`", row.operation, shown, row.unit, row.origin, row.source])
+    return lines
+
+
+def _span(low: float, high: float) -> str:
+    return f"{low:.4g} … {high:.4g}" if low < high else f"{low:.4g}"
+
+
+def _grouped(world: World, row: Row) -> list[str]:
+    """Return the ranges of a row by mixture or by variant, whichever decides them."""
+    ranges = dict(zip(world.pairs, row.kinds, strict=True))
+    for axis, names in enumerate((world.mixtures, world.variants)):
+        own = {name: {ends for pair, ends in ranges.items() if pair[axis] == name} for name, _ in names}
+        if all(len(ends) == 1 for ends in own.values()):
+            return [f"{name} {_span(*ends.pop())}" for name, ends in own.items()]
+    return [f"{kind} {_span(*ends)}" for kind, ends in zip(world.kinds, row.kinds, strict=True)]
