@@ -141,7 +141,8 @@ def run(
         wake: Simulate the rotors' wakes, which reduce the thrust of other rotors.
         sensors: Pass the controller estimates from noisy sensors instead of the true state.
         robot: TOML file of a custom robot: values of RobotSpec's fields by name.
-        randomization: Strength of the domain randomisation, 0 … 1, or a TOML file of ranges by field.
+        randomization: Strength of the domain randomisation, 0 … 1; a TOML file of ranges by field; or a calibrated
+            world, calibrated_1, or one kind of its robots, calibrated_1:wake-damped.
         out: Video file to write (.mp4).
         show: Show the episodes in a window, which requires a display.
     """

@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -40,8 +41,8 @@ class WebOptions:
     """Simulate the rotors' wakes, which reduce the thrust of other rotors."""
     sensors: Flag = False
     """Pass the controller estimates from noisy sensors instead of the true state."""
-    randomization: float = 0.0
-    """Strength of the domain randomisation, 0 … 1."""
+    randomization: float | Path = 0.0
+    """Strength of the domain randomisation, 0 … 1, a TOML file of ranges, or a calibrated world by name."""
     host: str = HOST
     """Address to listen on: 127.0.0.1 for this machine only; any other is open to the network, with a token."""
     port: int = PORT

@@ -50,6 +50,7 @@ def hops(
     robots: int = 100,
     strength: float = hop_study.STRENGTH,
     wind: float = hop_study.WIND,
+    world: str = "",
     out: Path = Path("out/hops"),
     workers: int = cpu_count(),
     json: JsonArg = False,
@@ -60,6 +61,7 @@ def hops(
         robots: Number of robots of each kind; one takes 11 s of simulated time, about 0.5 s of CPU time.
         strength: Strength of the randomisation, 0 … 1.
         wind: Mean wind speed for the randomised robots [m/s].
+        world: Calibrated world, calibrated_1, whose robots hop as well, each variant of the hardware in a column.
         out: Folder for hops.json.
         workers: Number of processes.
     """
@@ -67,9 +69,9 @@ def hops(
     check_strength(strength)
     Disturbances(wind=wind)  # raises for a wind out of range
     studied(
-        output_folder(out), "hops", "hop", 2 * robots, json=json,
+        output_folder(out), "hops", "hop", hop_study.hop_count(robots, world), json=json,
         play=lambda unfinished, on_hop: hop_study.hop_study(
-            robots, strength=strength, wind=wind, workers=workers, folder=unfinished, on_hop=on_hop
+            robots, strength=strength, wind=wind, world=world, workers=workers, folder=unfinished, on_hop=on_hop
         ),
         table=lambda rows: format_table(hop_study.hop_lines(rows)),
     )  # fmt: skip

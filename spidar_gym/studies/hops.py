@@ -19,11 +19,12 @@ from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import SpidarError
 from spidar_gym.native.core_manager import CoreManager
 from spidar_gym.native.plant import Plant
+from spidar_gym.paper.calibration import require_world
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import GroundConfig
-from spidar_gym.sim.randomize import check_strength, randomize
+from spidar_gym.sim.randomize import Randomization, check_strength, randomize
 from spidar_gym.so3 import matrix_to_quat, quat_to_matrix
 from spidar_gym.state import Command
 
@@ -94,24 +95,26 @@ class Trip:
     """Simulation of one robot on a floor with a locomotion manager."""
 
     def __init__(
-        self, seed: int = 0, *, strength: float = 0.0, sense: bool = False, ground: GroundConfig | None = None,
-        wind: float = 0.0, push: float = 0.0, manager: Any = None,  # noqa: ANN401 - either manager, or both at once
+        self, seed: int = 0, *, strength: float | Randomization = 0.0, sense: bool = False,
+        ground: GroundConfig | None = None, wind: float = 0.0, push: float = 0.0, manager: Any = None,  # noqa: ANN401 - either manager, or both at once
     ) -> None:  # fmt: skip
         """Place the robot on the floor.
 
         Args:
             seed: Seed of the robot, its noise and the weather.
-            strength: Strength of the randomisation, 0 for the nominal robot.
+            strength: Strength of the randomisation, 0 for the nominal robot; or a calibrated world, with its floor.
             sense: Whether the manager receives the estimate from noisy sensors instead of the true state.
-            ground: Floor; flat if None.
+            ground: Floor; if None, flat or the world's.
             wind: Mean wind [m/s].
             push: Force of pushes [N].
             manager: Locomotion manager; the Python implementation if None.
         """
-        rng, ground = np.random.Generator(np.random.PCG64(seed)), ground or GroundConfig()
-        config = PlantConfig(sense=sense, ground=ground, joint_speed=JOINT_SPEED)
+        rng = np.random.Generator(np.random.PCG64(seed))
+        config = PlantConfig(sense=sense, joint_speed=JOINT_SPEED)
         if strength:
-            config = replace(randomize(config, rng, strength)[0], ground=ground, sense=sense)
+            config = randomize(config, rng, strength)[0]
+        ground = ground or config.ground
+        config = replace(config, ground=ground, sense=sense)
         self.plant, self.estimator, self.ground = Plant(config), Estimator(), ground
         self.manager = manager or Manager(CONFIG)
         gait = self.manager.config.crawl.gait
@@ -218,6 +221,8 @@ class Hop:
     """Strength of the randomisation, 0 for the nominal robot."""
     wind: float = 0.0
     """Mean wind [m/s]."""
+    world: str = ""
+    """Calibrated world with the kind of the robot, in place of the strength."""
 
 
 def fly_hop(hop: Hop) -> dict[str, Any]:
@@ -225,7 +230,8 @@ def fly_hop(hop: Hop) -> dict[str, Any]:
 
     `steps_n` are the changes in `NEAR_FLOOR`, `hover_steps_n` those of the same robot in a hover of `HOVERED` seconds.
     """
-    how: dict[str, Any] = dict(strength=hop.strength, wind=hop.wind, sense=True)
+    strength = Randomization.parse(hop.world) if hop.world else hop.strength
+    how: dict[str, Any] = dict(strength=strength, wind=hop.wind, sense=True)
     seen = Trip(hop.seed, manager=CoreManager(CONFIG), **how).fly(HOP)
     hover = Trip(hop.seed, manager=CoreManager(CONFIG), **how)
     hover.manager.reset(hover.seen, HOP[:1])
@@ -244,10 +250,10 @@ def fly_hop(hop: Hop) -> dict[str, Any]:
 
 
 def hop_study(
-    robots: int = 100, *, strength: float = STRENGTH, wind: float = WIND, workers: int = 1,
+    robots: int = 100, *, strength: float = STRENGTH, wind: float = WIND, world: str = "", workers: int = 1,
     folder: Path | None = None, on_hop: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Simulate hops of nominal robots with noise, and of randomised robots in wind; return one row for each kind.
+    """Simulate hops of nominal robots with noise, of randomised robots in wind, and of calibrated robots.
 
     Finished hops are stored in `folder`, and an interrupted call resumes from them.
 
@@ -255,21 +261,39 @@ def hop_study(
         robots: Number of robots of each kind; their seeds start at 0.
         strength: Strength of the randomisation.
         wind: Mean wind speed for the randomised robots [m/s].
+        world: Name of a calibrated world, none if empty; its mixtures hop in turn, each variant in a row.
         workers: Number of processes.
         folder: Folder for finished hops.
         on_hop: Called after each hop, for progress bars.
+
+    Returns:
+        One row for each kind of robots.
 
     Raises:
         InvalidValueError: For a strength outside 0 … 1.
     """
     check_strength(strength)
-    kinds = ({}, {"strength": strength, "wind": wind})
+    kinds: list[dict[str, Any]] = [{}, {"strength": strength, "wind": wind}]
     hops = [Hop(seed, **kind) for kind in kinds for seed in range(robots)]
+    for variant in _variants(world):
+        mixtures = [name for name, _ in require_world(world).mixtures]
+        kinds.append({"world": f"{world}, {variant}"})
+        hops += [Hop(seed, world=f"{world}:{mixtures[seed % len(mixtures)]}-{variant}") for seed in range(robots)]
     found = finish(fly_hop, hops, workers=workers, folder=folder, on_done=lambda *_: on_hop())
     return [
         {"robots": robots, "strength": 0.0, "wind": 0.0, **kind, **_row(found[k * robots : (k + 1) * robots], kind)}
         for k, kind in enumerate(kinds)
     ]
+
+
+def _variants(world: str) -> list[str]:
+    """Return the variants of a world; none for no world."""
+    return [name for name, _ in require_world(world).variants] if world else []
+
+
+def hop_count(robots: int, world: str = "") -> int:
+    """Return the number of hops of a study."""
+    return robots * (2 + len(_variants(world)))
 
 
 def _row(hops: list[dict[str, Any]], drawn: dict[str, float]) -> dict[str, Any]:
@@ -300,8 +324,8 @@ _LINES = (
 
 def hop_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
     """Return the table with one column per row: median … worst robot, beside the limit."""
-    names = [f"randomised at strength {row['strength']:g}, wind {row['wind']:g} m/s" if row["strength"] or row["wind"]
-             else "noisy nominal" for row in rows]  # fmt: skip
+    names = [row.get("world") or (f"randomised at strength {row['strength']:g}, wind {row['wind']:g} m/s"
+             if row["strength"] or row["wind"] else "noisy nominal") for row in rows]  # fmt: skip
 
     def cells(key: str, factor: float, digits: int) -> list[str]:
         return [f"{factor * row[key]['median']:.{digits}f} … {factor * row[key]['worst']:.{digits}f}" for row in rows]
