@@ -296,7 +296,7 @@ def hop_count(robots: int, world: str = "") -> int:
     return robots * (2 + len(_variants(world)))
 
 
-def _row(hops: list[dict[str, Any]], drawn: dict[str, float]) -> dict[str, Any]:
+def _row(hops: list[dict[str, Any]], drawn: dict[str, Any]) -> dict[str, Any]:
     """Compute the figures of many hops: median and worst robot, and quantiles of the changes of Σλ over all ticks."""
     steps, hovered = (np.concatenate([hop[key] for hop in hops]) for key in ("steps_n", "hover_steps_n"))
     largest = [max(hop["steps_n"]) for hop in hops]

@@ -5,9 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from spidar_gym.errors import SpidarError
 from spidar_gym.robot import ROBOT
 from spidar_gym.studies import hops
-from spidar_gym.studies.hops import BARS, LARGEST_STEP, Hop, Seen, fly_hop, hop_lines, hop_study
+from spidar_gym.studies.hops import BARS, LARGEST_STEP, Hop, Seen, fly_hop, hop_count, hop_lines, hop_study
 
 
 def test_changes_are_those_of_every_tick_of_a_phase_and_of_the_tick_that_follows():
@@ -81,3 +82,12 @@ def test_a_hop_of_a_robot_with_noise_stays_within_all_limits():
     assert sum(found["steps_n"]) > 2.0 * 0.9 * ROBOT.weight  # the thrust rises to the weight and falls again
     assert len(found["hover_steps_n"]) >= 400
     assert found == fly_hop(Hop(5))
+
+
+def test_calibrated_robots_hop_in_a_row_for_each_variant(tmp_path):
+    rows = hop_study(1, world="calibrated_1", folder=tmp_path)
+    assert [row.get("world") for row in rows] == [None, None, "calibrated_1, described", "calibrated_1, damped"]
+    assert hop_count(1, "calibrated_1") == 4
+    assert hop_lines(rows)[0][-2:] == ["calibrated_1, described", "calibrated_1, damped"]
+    with pytest.raises(SpidarError, match="no_world"):
+        hop_study(1, world="no_world", folder=tmp_path)
