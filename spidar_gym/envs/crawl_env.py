@@ -23,7 +23,7 @@ from spidar_gym.envs.goals import CrawlGoal
 from spidar_gym.envs.locking import in_turn
 from spidar_gym.envs.options import described_robot, make_task, own_robot, solver_settings
 from spidar_gym.envs.progress import CrawlProgress
-from spidar_gym.errors import InvalidValueError, require_instance
+from spidar_gym.errors import require_instance
 from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.structs import fill
 from spidar_gym.robot import N_LEGS
@@ -74,8 +74,6 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         described = described_robot(options)
         task, shared = make_task(SpidarEnv, CrawlEnv, self.task_type, options)
         shared["randomization"] = randomization = Randomization.parse(shared.get("randomization", 0.0))
-        if randomization.tilts and task.slope:
-            raise InvalidValueError("slope", task.slope, "0 where the randomisation samples the floor's slope")
         if randomization.world and not task.steps:
             task = replace(task, steps=randomization.world.floor_steps)
         mode = find_action_mode(action_mode, crawl_modes(described))
@@ -92,7 +90,10 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         if task.friction is not None:
             robot = replace(robot, body=replace(robot.body, foot_friction=task.friction))
         # The model needs a floor of tiles from the start; each reset samples their heights.
-        robot = replace(robot, ground=task.floor(robot.ground))
+        ground = task.floor(robot.ground)
+        if randomization.tilts and task.slope_direction:  # without `slope` the task does not set it
+            ground = replace(ground, heading=task.slope_direction)
+        robot = replace(robot, ground=ground)
         super().__init__(
             mode, crawl_layout(mode.size, described), task=task, joint_speed=config.joint_speed, control=control,
             plant=robot, **shared,

@@ -38,7 +38,8 @@ FARTHEST = 100.0
 """Limit of the boxes' coordinates and half sizes [m]."""
 MAX_SLOPE = 0.6
 """Steepest slope, beyond which the robot's friction cannot hold it [rad]."""
-
+FARTHEST_HEADING = 1e6
+"""Limit of the direction in which a floor rises, so that ranges of it are finite [rad]."""
 
 NOWHERE = (0.0, 0.0, -50.0, 0.01, 0.01, 0.01)
 """Position and half sizes of an unused box [m]."""
@@ -63,6 +64,8 @@ class GroundConfig:
         require_arrays(self)
         if abs(self.slope) > MAX_SLOPE:
             raise InvalidValueError("slope", self.slope, f"an angle within ± {MAX_SLOPE:g} rad")
+        if abs(self.heading) > FARTHEST_HEADING:
+            raise InvalidValueError("heading", self.heading, f"an angle within ± {FARTHEST_HEADING:g} rad")
         if not (np.abs(self.boxes) <= FARTHEST).all() or (self.boxes[:, 3:6] < 0.0).any():
             raise InvalidValueError("boxes", self.boxes.tolist(), f"half sizes from 0, nothing beyond {FARTHEST:g} m")
         if self.boxed and self.uneven:

@@ -90,9 +90,9 @@ class CrawlTask(Task[CrawlRobots]):
     friction: float | None = None
     """Sliding friction of the feet; the robot's if None."""
     slope: float = 0.0
-    """Angle of the floor to the horizontal [rad]."""
+    """Angle of the floor to the horizontal [rad]; a sample of the range `ground.slope` replaces it."""
     slope_direction: float = 0.0
-    """Direction in which the floor rises [rad]."""
+    """Direction in which the floor rises [rad]; a sample of the range `ground.heading` replaces it."""
     steps: float = 0.0
     """Height of the steps of a floor of 25 cm tiles [m]; 0 is a plane."""
     terrain: str = "tiles"

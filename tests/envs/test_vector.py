@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from support.vectors import DRAWN, FLIGHTS, WORN, expected
+from support.vectors import DRAWN, FLIGHTS, WORN, WORN_ON_COURSES, expected
 
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.hover_env import HoverEnv
@@ -103,7 +103,8 @@ def trace(name, robots, threads, ticks, seeds=None, **options):
     [
         (HOVER, {"forms": "narrow", "joint_speed": 1.0, **DRAWN}), (CRAWL, {"preset": "robust", "randomization": 1.0}),
         (COURSE, {"hold": 5, **DRAWN}), (COURSE, {"action_mode": "residual", "hold": 5, "randomization": 1.0}),
-        (COURSE, {"action_mode": "direct", **DRAWN}), (HOVER, WORN), (CRAWL, WORN), (COURSE, {"hold": 5, **WORN}),
+        (COURSE, {"action_mode": "direct", **DRAWN}), (HOVER, WORN), (CRAWL, WORN),
+        (COURSE, {"hold": 5, **WORN_ON_COURSES}),
     ],
 )  # fmt: skip
 def test_bits_do_not_depend_on_other_robots_threads_or_order(name, options):

@@ -23,6 +23,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "flights of worn robots": (HOVER, {"preset": "tuned", **WORN}),
     "crawls": (CRAWL, {}),
     "crawls of drawn robots on tiles": (CRAWL, {"preset": "robust", "steps": 0.01, "slope": 0.1, **DRAWN}),
+    "crawls of worn robots": (CRAWL, {"preset": "robust", **WORN}),
     "crawls on tiles or stairs": (CRAWL, {"preset": "robust", "steps": 0.05, "terrain": "mixed"}),
     "courses by targets": (COURSE, {"hold": 5, **DRAWN}),
     "courses by the rule": (COURSE, {"action_mode": "residual", "hold": 5}),

@@ -409,6 +409,7 @@ def test_tiles_where_there_were_none_and_none_where_there_were_are_refused_and_n
         ({"slope": -0.61}, "slope"),
         ({"slope": math.nan}, "slope"),
         ({"heading": math.inf}, "heading"),
+        ({"heading": 1e7}, "heading"),
         ({"tiles": np.full((TILES, TILES), -0.001)}, "tiles"),
         ({"tiles": np.full((TILES, TILES), 0.21)}, "tiles"),
         ({"tiles": np.full((TILES, TILES), math.nan)}, "tiles"),

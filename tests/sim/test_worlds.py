@@ -9,7 +9,6 @@ import pytest
 
 import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.envs.course_env import CourseEnv
-from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, UnknownNameError
 from spidar_gym.robot import ROBOT
@@ -155,10 +154,8 @@ def test_every_robot_lies_on_its_own_floor_whatever_the_number_of_robots_and_thr
                 assert np.array_equal(own, found[0][1][step][k])
 
 
-def test_a_slope_of_the_floor_is_given_once_and_no_course_has_one(tmp_path):
+def test_no_course_has_a_slope_of_the_floor(tmp_path):
     tilted = written(tmp_path, ROW.format("ground.slope", "false", "{ all = [0.0, 0.2] }"))
-    with pytest.raises(InvalidValueError, match="slope"):
-        CrawlEnv(randomization=tilted, slope=0.1)
     with pytest.raises(InvalidValueError, match="the floor of a course is level"):
         CourseEnv(randomization={"ground.slope": (0.0, 0.2)})
     env = CourseEnv(randomization=tilted)

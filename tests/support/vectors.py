@@ -24,6 +24,10 @@ WORN: dict[str, Any] = DRAWN | {
     "plant": PlantConfig(actuators=ActuatorConfig(board_scaling=True)),
 }
 """All that `DRAWN` varies, every optional row of the randomisation, and a board that scales the thrusts."""
+WORN_ON_COURSES: dict[str, Any] = WORN | {
+    "randomization": {name: given for name, given in WORN["randomization"].items() if not name.startswith("ground.")}
+}
+"""`WORN` on the even floor on which courses are built."""
 FLIGHTS: dict[str, dict[str, Any]] = {
     "mixed": {},
     "the paper's forms": {"forms": "paper"},
