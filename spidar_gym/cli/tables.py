@@ -25,7 +25,7 @@ from spidar_gym.paper.flight_studies import speed_lines
 from spidar_gym.sim.worlds import find_world, world_lines
 from spidar_gym.sitl.course_faults import course_fault_lines
 from spidar_gym.studies.ablations import ablation_lines
-from spidar_gym.studies.calibrate import fit_lines, profile_lines
+from spidar_gym.studies.calibrate import fit_lines
 from spidar_gym.studies.gates import gate_lines
 from spidar_gym.studies.hops import hop_lines
 from spidar_gym.studies.lost import lost_lines
@@ -128,8 +128,6 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "ablations": lambda result: ablation_lines(result["ablations"]),
     "steps": lambda result: step_lines(result["steps"]),
     "calibrate": lambda result: fit_lines(result["calibrate"]),
-    "blind": lambda result: fit_lines(result["blind"]),
-    "profiles": lambda result: profile_lines(result["profiles"]),
     "reality": lambda result: reality_lines(result["reality"]),
     "engine": lambda result: engine_lines(result["engine"]),
 }

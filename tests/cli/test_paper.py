@@ -12,10 +12,17 @@ from spidar_gym.errors import MissingDependencyError
 from spidar_gym.paper import flight as experiments
 
 
+@pytest.fixture(autouse=True)
+def few(monkeypatch):
+    """One calibrated robot without figures, in place of 24."""
+    found = {"preset": "as_flown_quasi", "world": "calibrated_1", "robots": 1, "failed": 1, "figures": {}, "lines": {}}
+    monkeypatch.setattr("spidar_gym.cli.paper.calibrated_figures", lambda *_, **__: found)
+
+
 def test_the_flight_prints_exactly_one_json_object_on_stdout_and_writes_it_with_the_figure(still, here, capfd):
     main(["paper", "flight", "--json", "--no-video", "--out", "a/b"])
     result = json.loads(capfd.readouterr().out)
-    assert set(result) == {"flight", "paper"}
+    assert set(result) == {"flight", "noisy", "calibrated", "paper"}
     assert set(result["paper"]) == {"flight"}
     assert result["flight"]["thrust_form1_n"] == pytest.approx([19.62] * 8)
     assert sorted(files(here)) == ["a/b/flight.json", "a/b/flight.png"]
@@ -42,7 +49,7 @@ def test_paper_alone_flies_and_crawls_and_prints_both_tables(still, short_crawl,
 def test_the_crawl_prints_exactly_one_json_object_with_every_figure(short_crawl, here, capfd):
     main(["paper", "crawl", "--json", "--no-video", "--out", "a"])
     result = json.loads(capfd.readouterr().out)
-    assert set(result) == {"crawl", "paper"}
+    assert set(result) == {"crawl", "noisy", "calibrated", "paper"}
     wanted = {
         "preset", "final_position_error_m", "yaw_final_rad", "yaw_peak_to_peak_rad", "roll_pitch_legs_up_rad",
         "roll_pitch_torso_rad", "duration_s", "duration_overlapped_s", "thrust_fraction_mean", "thrust_fraction_peak",
@@ -125,8 +132,9 @@ def test_the_flight_with_noise_is_labelled_and_printed_beside_the_papers_rmse(st
     for options in ([], ["--noise", "--seed", "3"]):
         main(["paper", "flight", "--no-video", *options])
         outputs.append(capfd.readouterr().out)
-    assert ["with noise" in out for out in outputs] == [False, True]
-    assert ["0.038  0.037  0.043" in out for out in outputs] == [False, True]
+    assert ["flight, preset as_flown, with noise" in out for out in outputs] == [False, True]
+    assert ["nominal" in out for out in outputs] == [True, False]
+    assert all("0.038  0.037  0.043" in out for out in outputs)
     assert json.loads((here / "out/flight/flight.json").read_text(encoding="utf-8"))["flight"]["noise"] is True
 
 

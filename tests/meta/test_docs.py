@@ -47,7 +47,7 @@ def test_every_result_stands_on_exactly_one_page_of_the_guide():
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_a_result_names_its_command_and_a_version_that_exists(path):
     result = read_result(path)
-    assert re.match(r"(spidar|python -m (train|tests)\.|python \.ci/|pytest) ?\w+", result["command"])
+    assert re.match(r"(spidar|python -m (train|tests|spidar_gym)\.|python \.ci/|pytest) ?\w+", result["command"])
     assert Version(result["version"]) <= Version(__version__)
 
 
