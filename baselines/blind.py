@@ -62,7 +62,7 @@ class BlindCrawler(Crawler):
 class Blind(PresetPolicy):
     """The paper's controllers without feedback: their commands for a robot that follows the plan exactly."""
 
-    presets = {  # noqa: RUF012 - nobody writes it
+    presets = {  # noqa: RUF012 - a constant of the class
         HOVER: {"preset": "paper", "law": BlindFlight},
         CRAWL: {"preset": "published", "law": BlindCrawler},
     }

@@ -196,7 +196,7 @@ def calibrated_figures(
     standing = [each for each in done if not each["failed"]]
     figures = {
         name: np.quantile([each[name] for each in standing], [0.5, 0.2, 0.8]).tolist()
-        for name in (FLIGHT_NUMBERS if experiment == FLIGHT else CRAWL_NUMBERS | {"thrust_fraction": None})
+        for name in dict.fromkeys(name for names, *_ in LABELS[experiment].values() for name in names)
         if standing
     }
     lines = {label: _cell(figures, *how) for label, how in LABELS[experiment].items() if figures}
