@@ -145,9 +145,9 @@ def write(case, folder):
     engine = fleet.engine
     for k in range(ROBOTS):
         fleet.seed(k, np.random.default_rng(k))
-    names = BOXED if name == COURSE else OWN if "steps" in options else FLAT
-    model = member_offsets("mjModel")
-    rows = zip(names, engine._pieces[0].tolist(), strict=True)
+    model, rows = member_offsets("mjModel"), engine._pieces[0].tolist()
+    names = next(names for names in (BOXED, OWN, FLAT) if len(names) == len(rows))
+    rows = zip(names, rows, strict=True)
     pieces = np.array([(model[piece], *row[1:]) for piece, row in rows], np.int64)
     actions = np.random.default_rng(9).normal(0.0, 0.4, (TICKS, *fleet.actions.shape))
     numbers = [
