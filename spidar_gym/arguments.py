@@ -20,6 +20,9 @@ JsonArg = Annotated[Flag, tyro.conf.arg(help="Print one JSON object on stdout in
 FlightPresetArg = Annotated[str, choice(PRESETS)]
 CrawlPresetArg = Annotated[str, choice(CRAWL_PRESETS)]
 AnyPresetArg = Annotated[str | None, choice((*PRESETS, *CRAWL_PRESETS))]
+WorldArg = Annotated[
+    str, tyro.conf.arg(help="Calibrated world of the robots, calibrated_1, or one kind, calibrated_1:wake-damped.")
+]
 CameraArg = Annotated[
     str, choice(VIEWS, "Camera of the video; fixed shows the whole scene, the others follow the robot and are slower.")
 ]

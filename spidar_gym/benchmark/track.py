@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
@@ -106,8 +106,7 @@ class Track:
         Raises:
             UnknownNameError: For a calibrated world that does not exist.
         """
-        how = Randomization.parse(self.options.get("randomization", 0.0))
-        return replace(how, kind=index % len(how.world.kinds)) if how.world is not None and how.kind < 0 else how
+        return Randomization.parse(self.options.get("randomization", 0.0)).in_turn(index)
 
     @property
     def calibration(self) -> World | None:

@@ -12,13 +12,14 @@ from typing import Annotated, Any
 import tyro
 
 from spidar_gym import viz
-from spidar_gym.arguments import CrawlPresetArg, Flag, FlightPresetArg, JsonArg, choice
+from spidar_gym.arguments import CrawlPresetArg, Flag, FlightPresetArg, JsonArg, WorldArg, choice
 from spidar_gym.console import drawn, progress, published, studied
 from spidar_gym.control.course.gates import MAX_GATES
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.errors import InvalidValueError, SpidarError, require_above, require_least, require_name, require_within
 from spidar_gym.files import output_folder, write_text
+from spidar_gym.paper.calibration import require_robots
 from spidar_gym.paper.crawl import CRAWL_DISTANCE, CrawlLog
 from spidar_gym.processes import cpu_count
 from spidar_gym.sitl import report
@@ -68,11 +69,13 @@ class Options:
     """Artifact of a learned policy whose actions are added to the controller; compiled into the runner and enabled."""
     seed: int = 0
     """Seed of the robot's noise and asymmetry."""
+    world: WorldArg = ""
     json: JsonArg = False
 
     def __post_init__(self) -> None:
         require_least(0, seed=self.seed)
         require_name("link", self.link, LINKS)
+        require_robots(self.world)
 
     @property
     def mission(self) -> dict[str, Any]:
@@ -89,8 +92,9 @@ def _played(mission: Mission, out: Path, options: Options) -> tuple[Played, Path
     runner = build_for(options.link, options.residual)
     with progress(unit="tick", desc=f"{mission.name} over {options.link}") as bar:
         played = play(
-            mission, options.link, seed=options.seed, runner=runner, log=folder / "run.log", on_tick=bar.update
-        )
+            mission, options.link, seed=options.seed, robots=require_robots(options.world), runner=runner,
+            log=folder / "run.log", on_tick=bar.update,
+        )  # fmt: skip
     write_text(folder / "mission.txt", mission.text)
     for line in played.run.words:
         print(line, file=sys.__stderr__)
@@ -183,7 +187,8 @@ def course(
         mission = course_mission(odometry=options.odometry)
     played, folder = _played(mission, out, options)
     with progress(total=robots, unit="robot", desc=f"{mission.name} in process") as bar:
-        others = courses_in_process(mission, robots, workers=workers, on_robot=bar.update)
+        own = require_robots(options.world)
+        others = courses_in_process(mission, robots, own, workers=workers, on_robot=bar.update)
     figures, table = course_report(played.run, played.log, mission, others)
     _say_figures(folder, mission.name, figures, table, options.json)
 
@@ -197,6 +202,7 @@ def robot(
     master: str | None = None,
     seconds: float = math.inf,
     seed: int = 0,
+    world: WorldArg = "",
 ) -> None:
     """Run the simulated robot in real time, for a runner that you start separately; Ctrl-C ends it.
 
@@ -213,12 +219,13 @@ def robot(
     require_name("link", link, LINKS)
     crawler_config(preset)  # raises for an unknown name
     require_above(seconds=seconds)
+    robots = require_robots(world)
     mission = crawl_mission(preset) if ground else hover_mission()
     with contextlib.suppress(KeyboardInterrupt):
         if link == "socket":
-            _serve_socket(lambda: make_robot(mission, seed), operate, seconds)
+            _serve_socket(lambda: make_robot(mission, seed, robots), operate, seconds)
         else:
-            _serve_ros(make_robot(mission, seed), operate, seconds, master)
+            _serve_ros(make_robot(mission, seed, robots), operate, seconds, master)
 
 
 def _serve_socket(make: Callable[[], Robot], operate: bool, seconds: float) -> None:
@@ -246,6 +253,7 @@ def faults(
     phases: tuple[str, ...] = (),
     sample: int = 0,
     seed: int = 0,
+    world: WorldArg = "",
     workers: int = 1,
     out: Path = Path("out/sitl-faults"),
     json: JsonArg = False,
@@ -275,17 +283,17 @@ def faults(
         require_name(f"fault over {link}", name, faults_of(link, course=course))
     for phase in phases:
         require_name("phase", phase, IN_PHASE)
-    folder = output_folder(out)
+    robots, folder = require_robots(world), output_folder(out)
     if course:
         pairs = pairs_of(names, phases or tuple(IN_PHASE), sample)
         studied(
             folder, "course_faults", "fault", len(pairs), json=json,
             play=lambda unfinished, on_fault: play_course_faults(
-                link, pairs, seed=seed, workers=workers, folder=unfinished, on_fault=on_fault
+                link, pairs, seed=seed, robots=robots, workers=workers, folder=unfinished, on_fault=on_fault
             ),
             table=lambda rows: format_table(course_fault_lines(rows)),
         )  # fmt: skip
         return
     with progress(total=len(names), unit="fault", desc=f"faults over {link}") as bar:
-        rows = play_faults(link, names, seed=seed, on_fault=bar.update)
+        rows = play_faults(link, names, seed=seed, robots=robots, on_fault=bar.update)
     print(published(folder, "faults", {"faults": rows}, report.fault_table(rows), json))

@@ -232,8 +232,20 @@ def _cell(figures: Mapping[str, Sequence[float]], names: Sequence[str], factor: 
 
 def require_world(given: str) -> World:
     """Return a calibrated world by name or file (`InvalidValueError` for another randomisation)."""
-    found = Randomization.parse(given).world
+    found = require_robots(given).world
     if found is None:
+        raise InvalidValueError("world", given, "the name or file of a calibrated world")
+    return found
+
+
+def require_robots(given: str) -> Randomization:
+    """Return the robots of a calibrated world, by name, kind or file; those without randomisation if it is empty.
+
+    Raises:
+        InvalidValueError: For another randomisation.
+    """
+    found = Randomization.parse(given) if given else Randomization()
+    if given and found.world is None:
         raise InvalidValueError("world", given, "the name or file of a calibrated world")
     return found
 

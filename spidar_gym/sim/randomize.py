@@ -128,6 +128,12 @@ class Randomization:
         """Whether each robot has its own plane of the floor."""
         return any(row.is_of_floor for row in self.rows)
 
+    def in_turn(self, index: int) -> "Randomization":
+        """Return the randomisation of one of many robots: kinds of a calibrated world in turn, unless one is given."""
+        if self.world is None or self.kind >= 0:
+            return self
+        return replace(self, kind=index % len(self.world.kinds))
+
     def on_level_floors(self) -> "Randomization":
         """Return the same randomisation with level floors, which consumes the same random numbers.
 

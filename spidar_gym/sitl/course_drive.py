@@ -32,12 +32,13 @@ from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.course_boxes import boxes
 from spidar_gym.sim.ground import GroundConfig, with_boxes
+from spidar_gym.sim.randomize import Randomization, randomize
 from spidar_gym.sitl.missions import Mission
 from spidar_gym.sitl.report import RunnerLog, drive_times, driven, timing
 from spidar_gym.sitl.session import Run, tilt_of
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import Command, RobotState
-from spidar_gym.tasks.course import DECIDE
+from spidar_gym.tasks.course import DECIDE, MAX_TILT
 from spidar_gym.text import format_table
 
 IN_THE_AIR = ("climb", "hover", "form", "fly")
@@ -48,6 +49,8 @@ SETTLING = 40
 """Ticks for which the robot lies on the floor before a course in process begins."""
 PERIOD = 1.0 / CONTROL_RATE
 """Length of a tick [s]."""
+DESCRIBED = Randomization()
+"""No randomisation."""
 LATER = 30.0
 """Time by which a course in process may exceed its limit before it is refused [s]."""
 
@@ -97,9 +100,17 @@ def manager_config(mission: Mission) -> ManagerConfig:
     )  # fmt: skip
 
 
-def course_robot(mission: Mission, rng: np.random.Generator) -> PlantConfig:
-    """Return a randomised robot for a course, with the gates of its map as boxes."""
-    robot = replace(crawl_robot(rng), joint_speed=max(mission.speeds))
+def course_robot(mission: Mission, rng: np.random.Generator, robots: Randomization = DESCRIBED) -> PlantConfig:
+    """Return a sampled robot for the floor, with the gates of the mission's map as boxes; a course's floor is level.
+
+    Args:
+        mission: A mission that begins on the floor.
+        rng: Generator for the sampling.
+        robots: Distribution of the robot; without any, `crawl_robot`.
+    """
+    own = robots.on_level_floors() if mission.is_course else robots
+    robot = randomize(PlantConfig(sense=True), rng, own)[0] if own.draws else crawl_robot(rng)
+    robot = replace(robot, joint_speed=max(mission.speeds))
     return robot if mission.map is None else replace(robot, ground=with_boxes(GroundConfig(), boxes(mission.map)))
 
 
@@ -168,19 +179,20 @@ class Guide:
         return self._is_there
 
 
-def course_in_process(mission: Mission, seed: int) -> CourseLog:
+def course_in_process(mission: Mission, seed: int, robots: Randomization = DESCRIBED) -> CourseLog:
     """Run a course without a runner, with the core's manager and the estimator at 40 Hz on the same robot.
 
     Args:
         mission: A course.
         seed: Seed of the robot and its noise, as for the robot that a runner drives.
+        robots: Distribution of the robot, as for `course_robot`.
 
     Raises:
-        SpidarError: When the course is not completed in time.
+        SpidarError: When the robot falls, or the course is not completed in time.
     """
     config, model, estimator = manager_config(mission), Model(), Estimator()
     rng = np.random.Generator(np.random.PCG64(seed))
-    plant, form = Plant(course_robot(mission, rng)), lying_pose(config.crawl.gait)
+    plant, form = Plant(course_robot(mission, rng, robots)), lying_pose(config.crawl.gait)
     state = plant.reset(np.array([0.0, 0.0, ROBOT.peg_depth]), joint_position=form, rng=rng)
     still = Command(np.zeros(N_ROTORS), np.zeros((N_ROTORS, 2)), form, np.full(N_JOINTS, ROBOT.max_joint_torque))
     for _ in range(SETTLING):
@@ -210,6 +222,10 @@ def course_in_process(mission: Mission, seed: int) -> CourseLog:
                 "energy_wh": plant.energy_wh - before_wh,
             }
         )
+        if kept[-1]["tilt"] > MAX_TILT:
+            raise SpidarError(
+                f"the robot fell after {len(kept) * PERIOD:.1f} s ({manager.phase}); valid: one that stays upright"
+            )
         if len(kept) * PERIOD > mission.seconds + LATER:
             raise SpidarError(f"the course does not end within {mission.seconds + LATER:g} s; valid: a shorter one")
     return CourseLog(**columns(kept))
@@ -259,27 +275,39 @@ def course_figures(log: CourseLog, mission: Mission) -> dict[str, Any]:
 
 
 def courses_in_process(
-    mission: Mission, robots: int, *, workers: int = 1, on_robot: Callable[[], object] = lambda: None
-) -> list[dict[str, Any]]:
+    mission: Mission, count: int, robots: Randomization = DESCRIBED, *, workers: int = 1,
+    on_robot: Callable[[], object] = lambda: None,
+) -> list[dict[str, Any]]:  # fmt: skip
     """Compute the figures of the same course for several robots, with seeds from 0.
 
     Args:
         mission: A course.
-        robots: Number of robots.
+        count: Number of robots.
+        robots: Distribution of the robots, as for `course_robot`; kinds of a calibrated world come in turn.
         workers: Number of processes.
         on_robot: Called after each robot, for progress.
+
+    Returns:
+        Figures of each robot; only `kind` and `failure` of a course that was not completed.
     """
     found = []
     with Pool(workers) as pool:
-        for figures in pool.map(_figures_in_process, [(mission, seed) for seed in range(robots)]):
+        jobs = [(mission, seed, robots.in_turn(seed)) for seed in range(count)]
+        for figures in pool.map(_figures_in_process, jobs):
             found.append(figures)
             on_robot()
     return found
 
 
-def _figures_in_process(job: tuple[Mission, int]) -> dict[str, Any]:
-    mission, seed = job
-    return course_figures(course_in_process(mission, seed), mission)
+def _figures_in_process(job: tuple[Mission, int, Randomization]) -> dict[str, Any]:
+    mission, seed, robots = job
+    kind = {"kind": robots.name} if robots.world else {}
+    try:
+        return kind | course_figures(course_in_process(mission, seed, robots), mission)
+    except SpidarError as error:
+        if not robots.draws:  # the robots of the experiments complete every course
+            raise
+        return {**kind, "failure": str(error)}
 
 
 ROWS: tuple[tuple[str, str, float, int], ...] = (
@@ -348,8 +376,19 @@ def course_lines(
 def course_report(
     run: Run, log: RunnerLog, mission: Mission, others: Sequence[dict[str, Any]]
 ) -> tuple[dict[str, Any], str]:
-    """Return the figures of a course through the runner, with its timing and the courses in process, and the table."""
+    """Return the figures of a course through the runner, with its timing and the courses in process, and the table.
+
+    Raises:
+        SpidarError: When no course in process was completed.
+    """
+    done = [other for other in others if "failure" not in other]
+    if not done:
+        raise SpidarError(f"no course in process was completed: {others[0]['failure']}")
     figures = course_figures(driven_course(run, log), mission)
-    table = format_table(course_lines(figures, others, rows_of(mission)))
-    inside = {key: within_spread(figures, others, key) for _, key, _, _ in rows_of(mission)}
-    return {**figures, "timing": timing(log), "in_process": list(others), "within_spread": inside}, table
+    table = format_table(course_lines(figures, done, rows_of(mission)))
+    failures = [
+        f"{other['kind']}, robot {k}: {other['failure']}" for k, other in enumerate(others) if other not in done
+    ]
+    inside = {key: within_spread(figures, done, key) for _, key, _, _ in rows_of(mission)}
+    figures = {**figures, "timing": timing(log), "in_process": list(others), "within_spread": inside}
+    return figures, "\n".join([table, *failures])

@@ -16,6 +16,8 @@ from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.errors import SpidarError
 from spidar_gym.onboard.runner_structs import Action, Stage
 from spidar_gym.robot import FORMS
+from spidar_gym.sim.randomize import Randomization
+from spidar_gym.sitl.course_drive import DESCRIBED
 from spidar_gym.sitl.faults import FAULTS, FLOOR_PHASES, course_reaction
 from spidar_gym.sitl.missions import Mission, course_mission
 from spidar_gym.sitl.play import IN_PHASE, build_for, play
@@ -104,13 +106,16 @@ class Put:
     """One of `IN_PHASE`."""
     seed: int = 0
     """Seed of the robot, its noise and the random numbers of the fault."""
+    robots: Randomization = DESCRIBED
+    """Distribution of the robot."""
 
 
 def play_put(put: Put) -> dict[str, Any]:
     """Run a course with one fault in one phase; return its figures."""
     how: dict[str, Any] = dict(seed=put.seed, fault=put.fault, phase=put.phase, runner=build_for(put.link))
-    played = play(phase_mission(put.phase), put.link, **how)
-    return course_fault_figures(put.fault, put.phase, played.run, played.log)
+    played = play(phase_mission(put.phase), put.link, robots=put.robots, **how)
+    kind = {"kind": put.robots.name} if put.robots.world else {}
+    return kind | course_fault_figures(put.fault, put.phase, played.run, played.log)
 
 
 def pairs_of(faults: Sequence[str], phases: Sequence[str], sample: int = 0) -> list[tuple[str, str]]:
@@ -129,8 +134,8 @@ def pairs_of(faults: Sequence[str], phases: Sequence[str], sample: int = 0) -> l
 
 
 def play_course_faults(
-    link: str, pairs: Iterable[tuple[str, str]], *, seed: int = 0, workers: int = 1, folder: Path | None = None,
-    on_fault: Callable[[], object] = lambda: None,
+    link: str, pairs: Iterable[tuple[str, str]], *, seed: int = 0, robots: Randomization = DESCRIBED,
+    workers: int = 1, folder: Path | None = None, on_fault: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Run each fault in its phase in a separate course; return the figures of each.
 
@@ -140,12 +145,13 @@ def play_course_faults(
         link: `ros` or `socket`.
         pairs: Names of faults and of phases.
         seed: Seed of the robot and its noise.
+        robots: Distribution of the robots; kinds of a calibrated world come in turn.
         workers: Number of processes; use one for runs in real time.
         folder: Folder in which figures are stored as they are computed.
         on_fault: Called after each run, for progress.
     """
     build_for(link)  # once, before several processes need it
-    puts = [Put(link, name, phase, seed) for name, phase in pairs]
+    puts = [Put(link, name, phase, seed, robots.in_turn(k)) for k, (name, phase) in enumerate(pairs)]
     return finish(play_put, puts, workers=workers, folder=folder, on_done=lambda *_: on_fault())
 
 

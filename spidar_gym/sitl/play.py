@@ -14,7 +14,9 @@ from spidar_gym.files import scratch_folder
 from spidar_gym.onboard.build import build_runner
 from spidar_gym.paper.crawl import CrawlLog, crawl_figures, crawl_lines
 from spidar_gym.paper.flight import FlightLog, flight_figures, flight_lines, noisy_robot
-from spidar_gym.sitl.course_drive import course_robot
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.randomize import Randomization, randomize
+from spidar_gym.sitl.course_drive import DESCRIBED, course_robot
 from spidar_gym.sitl.faults import FAULTS, Injector
 from spidar_gym.sitl.missions import Mission, hover_mission
 from spidar_gym.sitl.report import RunnerLog, crawl_log, fault_figures, flight_log, read_runner_log, timing
@@ -47,14 +49,20 @@ class Played:
     """The runner's log."""
 
 
-def make_robot(mission: Mission, seed: int = 0) -> Robot:
-    """Build the robot of the in-process experiments with noise: real sensors, delay, unequal rotors."""
+def make_robot(mission: Mission, seed: int = 0, robots: Randomization = DESCRIBED) -> Robot:
+    """Build a robot for a mission, with real sensors.
+
+    Args:
+        mission: Mission that the robot is for.
+        seed: Seed of the robot and its noise.
+        robots: Distribution of the robot; without any, the robots of the in-process experiments with noise.
+    """
     rng = np.random.Generator(np.random.PCG64(seed))
     if not mission.from_floor:
-        return Robot(noisy_robot(rng), seed=seed)
+        return Robot(randomize(PlantConfig(), rng, robots)[0] if robots.draws else noisy_robot(rng), seed=seed)
     config = crawler_config(mission.crawler or mission.preset)
     speed = max(mission.speeds) if mission.is_course else config.joint_speed
-    return Robot(course_robot(mission, rng), crawls=True, gait=config.gait, joint_speed=speed, seed=seed)
+    return Robot(course_robot(mission, rng, robots), crawls=True, gait=config.gait, joint_speed=speed, seed=seed)
 
 
 def play(
@@ -64,6 +72,7 @@ def play(
     seed: int = 0,
     fault: str | None = None,
     phase: str = "",
+    robots: Randomization = DESCRIBED,
     runner: Path | None = None,
     log: Path | None = None,
     on_tick: Callable[[], object] = lambda: None,
@@ -76,6 +85,7 @@ def play(
         seed: Seed of the robot and its noise.
         fault: Name of a fault, which begins 3 s after the take-over unless `phase` is given.
         phase: Phase of a course in which the fault begins.
+        robots: Distribution of the robot, as for `make_robot`.
         runner: The runner's program; the one built from the present sources by default.
         log: File for the runner's log; a temporary one by default.
         on_tick: Called 40 times a second of the robot, for progress.
@@ -99,7 +109,7 @@ def play(
         text.write_text(mission.text, encoding="utf-8")
         # In real time, repeat the run when the machine stalled: a simulation that pauses in mid-air is no valid test.
         for _ in range(TRIES):
-            session = Session(make_robot(mission, seed), mission, copy.deepcopy(injector), on_tick)
+            session = Session(make_robot(mission, seed, robots), mission, copy.deepcopy(injector), on_tick)
             if link == "socket":
                 run = socket_session(session, runner, text, written)
             else:
@@ -139,12 +149,17 @@ def evaluate(played: Played) -> tuple[FlightLog | CrawlLog, dict[str, Any], str]
 
 
 def play_faults(
-    link: str, names: tuple[str, ...], *, seed: int = 0, on_fault: Callable[[], object] = lambda: None
-) -> list[dict[str, Any]]:
-    """Run each fault in a separate hover; return the figures of each."""
+    link: str, names: tuple[str, ...], *, seed: int = 0, robots: Randomization = DESCRIBED,
+    on_fault: Callable[[], object] = lambda: None,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Run each fault in a separate hover; return the figures of each.
+
+    `robots` is as for `make_robot`; the faults meet the kinds of a calibrated world in turn.
+    """
     rows, runner = [], build_for(link)
-    for name in names:
-        played = play(hover_mission(seconds=60.0), link, seed=seed, fault=name, runner=runner)
+    for k, name in enumerate(names):
+        own = robots.in_turn(k)
+        played = play(hover_mission(seconds=60.0), link, seed=seed, fault=name, robots=own, runner=runner)
         rows.append(fault_figures(name, played.run, played.log))
         on_fault()
     return rows
