@@ -1,11 +1,24 @@
 """Pins `spidar bench`: every figure is present and a valid time; the speed itself is not tested."""
 
+import gymnasium
 import numpy as np
 import pytest
 
 from spidar_gym.cli import bench
-from spidar_gym.cli.bench import KINDS, PAIRS, bench_table, hard_demands, measure, run_bench
+from spidar_gym.cli.bench import (
+    EFFECTS,
+    KINDS,
+    MOVING,
+    OFF,
+    PAIRS,
+    WORLD,
+    bench_table,
+    hard_demands,
+    measure,
+    run_bench,
+)
 from spidar_gym.cli.main import main
+from spidar_gym.sim.config import PlantConfig
 
 
 @pytest.mark.slow
@@ -32,6 +45,24 @@ def test_the_benchmark_reports_every_figure_and_its_unit(monkeypatch):
     assert core["tick_us"]["best"] > 0.0
     assert all(core[name]["ratio"] > 0.0 for name in PAIRS)
     assert "steps/s" in table
+    effects = {row["effect"]: row for row in result["effects"]}
+    assert {*effects} == {OFF, *EFFECTS, WORLD}
+    assert all(row["cpu_us"] > 0.0 and row["ratio"] > 0.0 for row in effects.values())
+    assert all(name in table for name in effects)
+
+
+def test_the_timed_effects_change_a_flight():
+    def flown(plant):
+        env = gymnasium.make(**MOVING, plant=plant)
+        env.reset(seed=3)
+        seen = [env.step(np.zeros(env.action_space.shape or ()))[0] for _ in range(120)][-1]
+        env.close()
+        return seen.tobytes()
+
+    # The board scales thrusts only beyond the largest one, which no rotor needs here.
+    acting = [plant for name, plant in EFFECTS.items() if "board" not in name]
+    assert len(acting) == len(EFFECTS) - 1
+    assert len({flown(plant) for plant in (PlantConfig(), *acting)}) == 1 + len(acting)
 
 
 def test_the_hard_states_are_the_same_each_time_and_hard():
