@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 import spidar_gym.envs.registry
+from spidar_gym.benchmark.track import WORLD
 from spidar_gym.control.allocation.allocator import Allocator
 from spidar_gym.control.allocation.modes import find_allocation
 from spidar_gym.control.allocation.problem import Demand, assemble
@@ -62,8 +63,6 @@ MOVING: dict[str, Any] = {**KINDS["Hover, drawn, sensors"], "forms": "narrow", "
 """Environment of the effects: legs that move, with rotors above each other."""
 OFF = "none"
 """Name of the randomised robots without any of `EFFECTS`."""
-WORLD = "calibrated_1"
-"""World whose robots are timed beside them."""
 CROWD = 16
 """Number of robots on which an effect is timed."""
 CROWDS = ((1, 1), (64, 1), (64, 2), (256, 1), (256, 2))

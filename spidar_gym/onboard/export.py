@@ -27,6 +27,7 @@ from spidar_gym.onboard.runner_structs import RUNNER, runner_hash, runner_header
 from spidar_gym.policies.artifact import read_artifact
 from spidar_gym.policies.source import artifact_file
 from spidar_gym.robot import ROBOT, RobotSpec
+from spidar_gym.sim.worlds import find_world, world_names
 
 ONBOARD = Path(__file__).resolve().parent
 """Sources of the programs around the core on the robot."""
@@ -94,6 +95,7 @@ def export_files(
             "osqp": osqp_version(),
             **{name: version(name) for name in ("pin", "numpy")},
         },
+        "worlds": {name: find_world(name).digest for name in world_names()},
         "residual": origin,
         "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(files.items())},
     }

@@ -4,6 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+from spidar_gym.benchmark.track import WORLD
 from spidar_gym.cli import bench
 from spidar_gym.cli.bench import (
     EFFECTS,
@@ -11,7 +12,6 @@ from spidar_gym.cli.bench import (
     MOVING,
     OFF,
     PAIRS,
-    WORLD,
     bench_table,
     hard_demands,
     measure,
