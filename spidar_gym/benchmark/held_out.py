@@ -2,8 +2,9 @@
 
 A controller that was tuned or learned on the tracks may perform well on the tracks only. In each held-out condition one
 property of the robot deviates in a way that no track has: farther than in any randomised robot, or, on robots of the
-calibrated world, beyond the world's range. The flights use fixed joint speeds that no track has. The results are
-reported (`spidar leaderboard held-out`); tuning and training code never imports this module.
+calibrated world, beyond the world's range; robots of that world are also on courses. The flights use fixed joint speeds
+that no track has. The results are reported (`spidar leaderboard held-out`); tuning and training code never imports this
+module.
 """
 
 import hashlib
@@ -20,7 +21,7 @@ import numpy as np
 from spidar_gym.arrays import constant
 from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
 from spidar_gym.benchmark.track import TRACKS, WORLD, Track
-from spidar_gym.envs.registry import CRAWL, HOVER
+from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
 from spidar_gym.errors import require_least, require_name
 from spidar_gym.robot import JOINT_NAMES, N_JOINTS, N_LINKS, N_ROTORS, ROBOT
 from spidar_gym.robot.spec import Inertial, merge
@@ -177,6 +178,10 @@ CONDITIONS: dict[str, Track] = {
     "pegs-calibrated-crawl": Track(
         "robots of the calibrated world, all with pegs of friction 0.05 … 0.1; 0.2 … 0.6 m in any direction", CRAWL,
         75.0, _beyond("pegs"), _WAY,
+    ),
+    "course-calibrated": Track(
+        "walls, beams, slots, the goal on a plain floor, platform, tiles or slope; robots of the calibrated world",
+        COURSE, 300.0, {"randomization": WORLD},
     ),
 }  # fmt: skip
 """Conditions by name; all with sensors, flights with independent legs at multiples of the paper's 0.2 rad/s.

@@ -185,13 +185,14 @@ def compare_held_out(content: Mapping[str, Any], entry: Mapping[str, Any], condi
 
 
 def held_out_lines(content: Mapping[str, Any], group: str) -> list[list[str]]:
-    """Return the results of flights or crawls: a heading and one line per condition and policy.
+    """Return the results of flights, crawls or courses: a heading and one line per condition and policy.
 
     Values are interquartile means over the scenarios of the mean over the runs; – where a policy was not evaluated.
+    The successes on robots of a calibrated world are followed by those on each variant, where variants differ.
 
     Args:
         content: Content of the file.
-        group: `flight` or `ground`.
+        group: `flight`, `ground` or `course`.
 
     Raises:
         UnknownNameError: For another group.
@@ -211,14 +212,31 @@ def held_out_lines(content: Mapping[str, Any], group: str) -> list[list[str]]:
 def _cells(content: Mapping[str, Any], entry: Mapping[str, Any], condition: str, group: str) -> list[str]:
     if condition not in entry["runs"]:
         return ["–"] * (len(COMPARED[group]) + 1)
-    compared = compare_held_out(content, entry, condition)
+    compared, success = compare_held_out(content, entry, condition), _column(entry, condition, "success")
+    parts = "".join(f"; {name} {success[:, k].mean():.0%}" for name, k in _variants(condition, content["scenarios"]))
     if compared is not None:
-        return comparison_cells(compared, group, digits=DIGITS)
+        *cells, last = comparison_cells(compared, group, digits=DIGITS)
+        return [*cells, last + parts]
     cells = []
     for metric, (_, factor, unit) in COMPARED[group].items():
         value = float(iqm(_column(entry, condition, metric).mean(axis=0)))
         cells.append("–" if math.isnan(value) else f"{factor * value:.3g} {unit}".strip())
-    return [*cells, f"{_column(entry, condition, 'success').mean():.0%}"]
+    return [*cells, f"{success.mean():.0%}{parts}"]
+
+
+def _variants(name: str, count: int) -> list[tuple[str, list[int]]]:
+    """Return the scenarios of each variant of a calibrated world; nothing where all variants are alike."""
+    condition = CONDITIONS[name]
+    robots = [condition.robots(k) for k in range(count)]
+    world = robots[0].world
+    if world is None:
+        return []
+    ranges = {(mixture, variant): tuple(row.kinds[k] for row in robots[0].rows)
+              for k, (mixture, variant) in enumerate(world.pairs)}  # fmt: skip
+    if all(len({ranges[mixture, variant] for variant, _ in world.variants}) == 1 for mixture, _ in world.mixtures):
+        return []
+    own = [world.pairs[each.kind][1] for each in robots]
+    return [(variant, [k for k, name in enumerate(own) if name == variant]) for variant, _ in world.variants]
 
 
 def worst_lines(content: Mapping[str, Any]) -> list[list[str]]:

@@ -30,7 +30,8 @@ from spidar_gym.benchmark.held_out import (
 )
 from spidar_gym.benchmark.held_out_table import read_content
 from spidar_gym.benchmark.scenario import load_scenarios, make_env, reset_options
-from spidar_gym.benchmark.track import SPLITS, TRACKS
+from spidar_gym.benchmark.track import BOTH, GROUND, SPLITS, TRACKS
+from spidar_gym.control.course.gates import parse_course
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import GRAVITY, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT
@@ -44,14 +45,21 @@ from spidar_gym.tune import search
 ROOT = Path(__file__).resolve().parents[2]
 FLIGHTS = [name for name, condition in CONDITIONS.items() if condition.flies]
 ROBOTS = [name for name, condition in CONDITIONS.items() if "plant" in condition.options]
-BEYOND = [name for name, condition in CONDITIONS.items() if "calibrated" in name]
+CALIBRATED = [name for name, condition in CONDITIONS.items() if condition.calibration]
 """Conditions on robots of the calibrated world."""
+BEYOND = [name for name in CALIBRATED if CONDITIONS[name].world != BOTH]
+"""Those with an effect beyond its range."""
 HASHES = {
     "payload-fast2": "14d8fa9ca94aff26", "payload-fast4": "413b4355b9dd8a6e", "servo-fast2": "a8dfa9c5cd51aeb7",
     "servo-fast4": "40edfba610436a42", "delay-fast2": "0fda9d0cf93bd0f8", "delay-fast4": "0760c4b3dc20555d",
     "duct-fast2": "f778c78388793df4", "duct-fast4": "cf43a3f64501c4f4", "wind-fast2": "3306d7eb5a061088",
     "wind-fast4": "aac310f4a9d7d925", "payload-crawl": "2f81cf855f0cb999", "servo-crawl": "cbb9b2f71e9d7290",
     "delay-crawl": "3ee78790d5c75577",
+    "damping-calibrated": "615e4adbbe7b0644", "delay-calibrated": "fb0a2b16674c6b75",
+    "eddies-calibrated": "34c78d50414f080a", "play-calibrated": "5e994bb2e3fddfbf",
+    "damping-calibrated-crawl": "fbff92cc38976cde", "delay-calibrated-crawl": "14f0d2b66ccfff0f",
+    "eddies-calibrated-crawl": "4947721c83ecfb88", "pegs-calibrated-crawl": "1f8eb5c23ce42da0",
+    "course-calibrated": "a338c072f4fb0c64",
 }  # fmt: skip
 """First 16 digits of the hash of each condition's first `COUNT` scenarios."""
 
@@ -177,6 +185,19 @@ def test_one_effect_is_beyond_the_range_of_the_world_and_the_others_stay(name, t
     assert condition.settle == (10.0 if condition.flies else 1.0)
 
 
+def test_courses_of_calibrated_robots_have_their_ranges_on_level_floors(tmp_path, monkeypatch):
+    pinned_world(tmp_path, monkeypatch)
+    condition, name = CONDITIONS["course-calibrated"], "course-calibrated"
+    scenario = draw_held_out.__wrapped__(name, 4)[3]
+    env = make_env(condition, scenario, {})
+    env.reset(seed=scenario.seed, options=reset_options(scenario))
+    world, kind, sampled = find_world.__wrapped__(WORLD), condition.robots(3).kind, env.sampled_parameters
+    assert kind == sampled["kind"] == 3
+    for row in world.rows:
+        low, high = (0.0, 0.0) if row.field == "ground.slope" else row.kinds[kind]
+        assert low <= sampled[row.field].min() <= sampled[row.field].max() <= high
+
+
 # Beside the tracks
 
 
@@ -202,8 +223,9 @@ def test_no_condition_is_a_track_and_every_condition_has_a_description():
     assert not set(CONDITIONS) & set(TRACKS)
     for name, condition in CONDITIONS.items():
         assert find_condition(name) is condition
-        assert all(condition.doc != track.doc and condition.options != track.options for track in TRACKS.values())
-        if name in BEYOND:
+        own = (condition.env_id, condition.options)
+        assert all(condition.doc != track.doc and own != (track.env_id, track.options) for track in TRACKS.values())
+        if name in CALIBRATED:
             continue
         assert condition.options["sensors"] is True
         assert "plant" in condition.options or condition.disturbances["wind"][0] > TRACKS["flight-wind"].disturbances[
@@ -271,11 +293,14 @@ def test_their_seeds_differ_from_those_of_tracks_tuning_and_training():
 def test_a_scenario_is_what_its_environment_takes(name):
     one = draw_held_out(name, 1)[0]
     assert json.loads(json.dumps(one.disturbances)) == one.disturbances
-    assert (one.start is not None) == CONDITIONS[name].flies
+    world = CONDITIONS[name].world
+    assert (one.start is not None) == (world != GROUND)
     env = make_env(CONDITIONS[name], one, {})
     env.reset(seed=one.seed, options=reset_options(one))
     assert env.fleet is not None, "not simulated by the engine"
-    if one.start is not None:
+    if world == BOTH:
+        assert parse_course(one.start) == env.course
+    elif one.start is not None:
         goals = FlightStart.parse(one.start).goals
         assert len(goals) > 1
         assert [goal.deadline for goal in env.progress.goals] == [goal.deadline for goal in goals]
@@ -296,7 +321,6 @@ def test_unknown_conditions_and_counts_are_refused_in_one_line():
 
 def test_the_committed_table_was_evaluated_on_these_scenarios():
     content = read_content(ROOT / HELD_OUT)
-    assert set(HASHES) <= set(content["conditions"])
-    assert set(HASHES) == set(CONDITIONS) - set(BEYOND)
+    assert set(HASHES) == set(content["conditions"]) == set(CONDITIONS)
     for name, digest in content["conditions"].items():
         assert digest == scenarios_digest(draw_held_out(name, content["scenarios"]))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from spidar_gym.benchmark import CRAWL, HOVER
+from spidar_gym.benchmark import COURSE, CRAWL, HOVER
 from spidar_gym.benchmark import held_out_play as module
 from spidar_gym.benchmark.held_out import CONDITIONS, draw_held_out
 from spidar_gym.benchmark.held_out_play import Entrant, choose, plan, play_all
@@ -45,18 +45,18 @@ def entrant(policy=QP, name="qp", conditions=(SHORT,)) -> Entrant:
 def test_every_row_with_a_controller_below_it_is_played_where_it_is_defined(rows, monkeypatch):
     monkeypatch.chdir(ROOT)
     found = {entrant.name: entrant for entrant in choose(rows)}
-    courses = {name for name, row in rows.items() if all(track.startswith("course") for track in row.tracks)}
-    assert set(rows) - set(found) == {"distilled", "distilled_ppo", "direct", "hold", "ppo_direct"} | courses
+    assert set(rows) - set(found) == {"distilled", "distilled_ppo", "direct", "hold", "ppo_direct"}
     assert list(found) == [name for name in rows if name in found]
     for name, one in found.items():
         assert one.policies == rows[name].policies
         worlds = {CONDITIONS[condition].env_id for condition in one.conditions}
-        assert worlds == {HOVER if track.startswith("flight") else CRAWL for track in rows[name].tracks}
+        of = {"flight": HOVER, "ground": CRAWL, "course": COURSE}
+        assert worlds == {of[track.split("-")[0]] for track in rows[name].tracks}
     assert found["supervised_tuned"].against == "qp_tuned_v1"
     assert len(found["supervised_tuned"].policies) == 5
     assert found["learned_gait"].against == "qp_robust_overlapped_v1"
     assert found["qp"].against == ""
-    assert set(found["qp"].conditions) == set(CONDITIONS)
+    assert set(found["qp"].conditions) == {name for name, one in CONDITIONS.items() if one.env_id != COURSE}
 
 
 def test_named_rows_are_chosen_with_their_base_and_even_without_a_controller(rows, monkeypatch):
