@@ -63,12 +63,16 @@ def front_lines(board: Board, *, wide: bool = True) -> list[list[str]]:
 
     Args:
         board: Results.
-        wide: Whether to show class, runs, description, the intervals of the second draw and the variants' results.
+        wide: Whether to show class, runs, description, the intervals of the second draw and the share of failures.
     """
     variants = [name for name, _ in _world(board).variants]
     halves = [f"{world}, {name}: error, failed" for world in CALIBRATED for name in variants]
-    heads = ["policy", "flight", "second draw", "ground", "second draw", "failed", "… on ground"]
-    lines = [[heads[0], "class", "runs", *heads[1:], *halves, "what it is"] if wide else heads]
+    heads = ["policy", "flight", "second draw", "ground", "second draw"]
+    lines = [
+        [heads[0], "class", "runs", *heads[1:], "failed", "… on ground", *halves, "what it is"]
+        if wide
+        else [*heads, *halves]
+    ]
     for name in ranked(board, FRONT):
         row = board.rows[name]
         scores = [cell for group in FRONT for cell in _both_draws(board, name, group, wide=wide)]
@@ -77,14 +81,21 @@ def front_lines(board: Board, *, wide: bool = True) -> list[list[str]]:
             own = [board.cells[name, track] for track in tracks if (name, track) in board.cells]
             own = own if len(own) == len(tracks) else []
             failed.append(f"{np.mean([c.failed for c in own]):.0%}" if own else "–")
-            for variant in variants:
-                found = [c.parts[variant] for c in own if variant in c.parts]
-                numbers = [np.mean([getattr(part, key) for part in found]) for key in ("error", "failed") if found]
-                parts.append(f"{numbers[0]:.3f}, {numbers[1]:.0%}" if found else "–")
+            parts += [part_cell(board, name, tracks, variant) for variant in variants]
         head = f"{name}{flag(row)}"
         more = [row.kind, str(len(row.policies)), *scores, *failed, *parts, escaped(row.doc)]
-        lines.append([head, *more] if wide else [head, *scores, *failed])
+        lines.append([head, *more] if wide else [head, *scores, *parts])
     return lines
+
+
+def part_cell(board: Board, name: str, tracks: Sequence[str], variant: str) -> str:
+    """Return a row's error and share of failures over the robots of a variant, means over all tracks, as text."""
+    own = [board.cells[name, track].parts for track in tracks if (name, track) in board.cells]
+    found = [parts[variant] for parts in own if variant in parts]
+    if len(found) < len(tracks):
+        return "–"
+    error, failed = (np.mean([getattr(part, key) for part in found]) for key in ("error", "failed"))
+    return f"{error:.3f}, {failed:.0%}"
 
 
 def _world(board: Board) -> World:
@@ -104,9 +115,9 @@ def _both_draws(board: Board, name: str, group: str, *, wide: bool) -> list[str]
     return [format_interval(first), f"{format_interval(later) if wide else f'{later.value:.3g}'}, {place}"]
 
 
-def first_lines(board: Board) -> list[list[str]]:
+def first_lines(board: Board, *, wide: bool = True) -> list[list[str]]:
     """Return the front of the leaderboard: the calibrated tracks, or the nominal part before any row has them."""
-    return front_lines(board) if board.has_front else overall_lines(board)
+    return front_lines(board, wide=wide) if board.has_front else overall_lines(board)
 
 
 def order_lines(board: Board) -> list[list[str]]:

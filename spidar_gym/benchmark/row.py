@@ -35,7 +35,8 @@ LARGEST = 2**26
 """Largest file of a row [bytes]: some hundred runs on every track."""
 REFERENCE = "qp"
 """The row that scores refer to."""
-BASES = {"paper": "qp", "tuned": "qp_tuned", "tuned_v1": "qp_tuned_v1", "retuned": "qp_retuned",
+BASES = {"paper": "qp", "as_flown": "qp_as_flown", "as_flown_quasi": "qp_as_flown_quasi", "tuned": "qp_tuned",
+         "tuned_v1": "qp_tuned_v1", "retuned": "qp_retuned",
          "published": "qp", "robust": "qp_tuned", "overlapped": "qp_overlapped",
          "robust_overlapped": "qp_robust_overlapped", "robust_overlapped_v1": "qp_robust_overlapped_v1",
          "robust_retuned": "qp_retuned"}  # fmt: skip

@@ -10,13 +10,13 @@ from typing import Any
 from spidar_gym.benchmark.comparison import compare_rows, comparison_tables
 from spidar_gym.benchmark.held_out import HELD_OUT
 from spidar_gym.benchmark.held_out_table import condition_lines, held_out_lines, origin_lines, read_content, worst_lines
-from spidar_gym.benchmark.leaderboard import tabulate
-from spidar_gym.benchmark.leaderboard_tables import first_lines, track_lines
-from spidar_gym.benchmark.row import read_row, read_rows
-from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.benchmark.leaderboard import FRONT, tabulate
+from spidar_gym.benchmark.leaderboard_tables import first_lines, order_lines, part_cell, track_lines
+from spidar_gym.benchmark.row import BASES, read_row, read_rows
+from spidar_gym.benchmark.track import CALIBRATED, FLIGHT, TRACKS, WORLD
 from spidar_gym.cli.bench import engine_lines
 from spidar_gym.cli.cards import card_lines, method_lines
-from spidar_gym.control.presets import controller_config
+from spidar_gym.control.presets import FORMER_PRESETS, PRESETS, controller_config
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.paper.crawl import crawl_lines
 from spidar_gym.paper.crawl_study import study_lines
@@ -56,7 +56,7 @@ def _compared(root: Path, name: str, base: str, group: str = "") -> Lines:
 
 
 def _overall(root: Path, count: str = "") -> Lines:
-    lines = first_lines(tabulate(read_rows(root / "baselines" / "scores")))
+    lines = first_lines(tabulate(read_rows(root / "baselines" / "scores")), wide=not count)
     return lines[: int(count) + 1] if count else lines
 
 
@@ -68,6 +68,21 @@ def _track(root: Path, track: str, *names: str) -> Lines:
 
 def _margins(root: Path, preset: str) -> Lines:
     return margin_lines(loops(controller_config(preset)))
+
+
+def _orders(root: Path) -> Lines:
+    """Return the least margins of each flight preset with rigid legs, its places, and its results on each variant."""
+    board = tabulate(read_rows(root / "baselines" / "scores"))
+    heads, *places = order_lines(board)
+    variants = [name for name, _ in find_world(WORLD).variants]
+    lines = [["preset", "gain margin", "delay margin", *heads[1:3], *(f"{name}: error, failed" for name in variants)]]
+    for preset in (*PRESETS, *FORMER_PRESETS):
+        name, margins = BASES[preset], loops(controller_config(preset))
+        nominal, calibrated = next(line[1:3] for line in places if line[0] == name)
+        least = [f"{min(m.gain for m in margins):.2f}", f"{1e3 * min(m.delay for m in margins):.0f} ms"]
+        halves = [part_cell(board, name, FRONT[CALIBRATED[FLIGHT]], variant) for variant in variants]
+        lines.append([preset, *least, nominal, calibrated, *halves])
+    return [lines[0], *sorted(lines[1:], key=lambda line: int(line[4].split()[0]))]
 
 
 SUMMARY = {
@@ -110,6 +125,7 @@ COMPUTED: dict[str, Callable[..., Lines]] = {
     "leaderboard-track": _track,
     "margins": _margins,
     "methods": method_lines,
+    "orders": _orders,
     "summary": _summary,
     "world": lambda root, name: world_lines(find_world(name)),
     "tracks": lambda root: [["track", "what it tests"], *([f"`{name}`", t.doc] for name, t in TRACKS.items())],
