@@ -14,7 +14,7 @@ from spidar_gym.benchmark.leaderboard import FRONT, tabulate
 from spidar_gym.benchmark.leaderboard_tables import first_lines, order_lines, part_cell, track_lines
 from spidar_gym.benchmark.row import BASES, read_row, read_rows
 from spidar_gym.benchmark.track import CALIBRATED, FLIGHT, TRACKS, WORLD
-from spidar_gym.cli.bench import engine_lines
+from spidar_gym.cli.bench import effect_lines, engine_lines
 from spidar_gym.cli.cards import card_lines, method_lines
 from spidar_gym.control.presets import FORMER_PRESETS, PRESETS, controller_config
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
@@ -25,7 +25,7 @@ from spidar_gym.paper.flight_studies import speed_lines
 from spidar_gym.sim.worlds import find_world, world_lines
 from spidar_gym.sitl.course_faults import course_fault_lines
 from spidar_gym.studies.ablations import ablation_lines
-from spidar_gym.studies.calibrate import fit_lines
+from spidar_gym.studies.calibrate import fit_lines, profile_lines
 from spidar_gym.studies.gates import gate_lines
 from spidar_gym.studies.hops import hop_lines
 from spidar_gym.studies.lost import lost_lines
@@ -144,8 +144,10 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "ablations": lambda result: ablation_lines(result["ablations"]),
     "steps": lambda result: step_lines(result["steps"]),
     "calibrate": lambda result: fit_lines(result["calibrate"]),
+    "profiles": lambda result: profile_lines(result["profiles"]),
     "reality": lambda result: reality_lines(result["reality"]),
     "engine": lambda result: engine_lines(result["engine"]),
+    "effects": lambda result: effect_lines(result["effects"]),
 }
 """Tables of results by the key `table`: the JSON of a command's `--json` → the table that it prints otherwise."""
 
