@@ -63,7 +63,7 @@ def front_lines(board: Board, *, wide: bool = True) -> list[list[str]]:
 
     Args:
         board: Results.
-        wide: Whether to show class, runs, description, the intervals of the second draw and the share of failures.
+        wide: Whether to show class, runs, description, the intervals of the second draw and the variants' errors.
     """
     variants = [name for name, _ in _world(board).variants]
     halves = [f"{world}, {name}: error, failed" for world in CALIBRATED for name in variants]
@@ -71,7 +71,7 @@ def front_lines(board: Board, *, wide: bool = True) -> list[list[str]]:
     lines = [
         [heads[0], "class", "runs", *heads[1:], "failed", "… on ground", *halves, "what it is"]
         if wide
-        else [*heads, *halves]
+        else [*heads, f"failed: {', '.join(variants)}", "… on ground"]
     ]
     for name in ranked(board, FRONT):
         row = board.rows[name]
@@ -84,7 +84,9 @@ def front_lines(board: Board, *, wide: bool = True) -> list[list[str]]:
             parts += [part_cell(board, name, tracks, variant) for variant in variants]
         head = f"{name}{flag(row)}"
         more = [row.kind, str(len(row.policies)), *scores, *failed, *parts, escaped(row.doc)]
-        lines.append([head, *more] if wide else [head, *scores, *parts])
+        lost = [cell.rpartition(" ")[2] for cell in parts]  # share of failures on each variant, flight and ground
+        pairs = [", ".join(lost[k : k + len(variants)]) for k in range(0, len(lost), len(variants))]
+        lines.append([head, *more] if wide else [head, *scores, *(("–" if "–" in pair else pair) for pair in pairs)])
     return lines
 
 

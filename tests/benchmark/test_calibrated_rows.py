@@ -207,8 +207,8 @@ def test_a_terminal_shows_the_front_in_120_columns_and_everything_on_request(boa
     narrow, wide = text(board), text(board, wide=True)
     assert narrow.split()[:4] == ["policy", "flight", "second", "draw"]
     assert max(map(len, narrow.splitlines())) <= 120
-    assert "described" in wide
-    assert "described" not in narrow
+    assert "described: error, failed" in wide
+    assert "failed: described, damped" in narrow
 
 
 def test_json_has_the_second_draw_and_the_halves(board):
