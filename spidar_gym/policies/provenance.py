@@ -1,6 +1,7 @@
 """Provenance of a result: versions of packages, the processor, hashes of files."""
 
 import hashlib
+import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -33,7 +34,8 @@ def processor() -> str:
         pass
     family = " ".join(words.get(key, "") for key in ("vendor_id", "cpu family", "model")).strip()
     wide = [flag for flag in ("avx2", "avx512f") if flag in words.get("flags", "").split()]
-    return " ".join([platform.machine(), family or platform.processor(), *wide]).strip()
+    kernel = os.environ.get("OPENBLAS_CORETYPE", "")  # NumPy's library then selects the code of another processor
+    return " ".join([platform.machine(), family or platform.processor(), *wide, *([kernel] if kernel else [])]).strip()
 
 
 def file_digest(path: Path) -> str:

@@ -389,7 +389,10 @@ def test_the_processor_is_one_line_that_begins_with_the_architecture():
 )
 def test_the_processor_is_its_family_and_the_widths_it_has(monkeypatch, info, expected):
     monkeypatch.setattr(Path, "read_text", lambda *_, **__: info)
+    monkeypatch.delenv("OPENBLAS_CORETYPE", raising=False)
     assert processor() == f"{platform.machine()} {expected}"
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Haswell")
+    assert processor() == f"{platform.machine()} {expected} Haswell", "NumPy then computes as on that processor"
 
 
 def test_the_processor_has_a_name_where_the_system_provides_none(monkeypatch):
