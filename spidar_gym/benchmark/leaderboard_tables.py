@@ -66,38 +66,43 @@ def front_lines(board: Board, *, wide: bool = True) -> list[list[str]]:
         wide: Whether to show class, runs, description, the intervals of the second draw and the variants' errors.
     """
     variants = [name for name, _ in _world(board).variants]
-    halves = [f"{world}, {name}: error, failed" for world in CALIBRATED for name in variants]
+    labels = [f"{world}, {name}: error, failed" for world in CALIBRATED for name in variants]
     heads = ["policy", "flight", "second draw", "ground", "second draw"]
     lines = [
-        [heads[0], "class", "runs", *heads[1:], "failed", "… on ground", *halves, "what it is"]
+        [heads[0], "class", "runs", *heads[1:], "failed", "… on ground", *labels, "what it is"]
         if wide
         else [*heads, f"failed: {', '.join(variants)}", "… on ground"]
     ]
     for name in ranked(board, FRONT):
         row = board.rows[name]
         scores = [cell for group in FRONT for cell in _both_draws(board, name, group, wide=wide)]
-        failed, parts = [], []
+        failed, parts, lost = [], [], []
         for tracks in FRONT.values():
             own = [board.cells[name, track] for track in tracks if (name, track) in board.cells]
             own = own if len(own) == len(tracks) else []
             failed.append(f"{np.mean([c.failed for c in own]):.0%}" if own else "–")
-            parts += [part_cell(board, name, tracks, variant) for variant in variants]
+            halves = [result_on(board, name, tracks, variant) for variant in variants]
+            parts += [part_cell(half) for half in halves]
+            lost.append(", ".join(f"{half[1]:.0%}" for half in halves if half) or "–")
         head = f"{name}{flag(row)}"
         more = [row.kind, str(len(row.policies)), *scores, *failed, *parts, escaped(row.doc)]
-        lost = [cell.rpartition(" ")[2] for cell in parts]  # share of failures on each variant, flight and ground
-        pairs = [", ".join(lost[k : k + len(variants)]) for k in range(0, len(lost), len(variants))]
-        lines.append([head, *more] if wide else [head, *scores, *(("–" if "–" in pair else pair) for pair in pairs)])
+        lines.append([head, *more] if wide else [head, *scores, *lost])
     return lines
 
 
-def part_cell(board: Board, name: str, tracks: Sequence[str], variant: str) -> str:
-    """Return a row's error and share of failures over the robots of a variant, means over all tracks, as text."""
+def result_on(board: Board, name: str, tracks: Sequence[str], variant: str) -> tuple[float, float] | None:
+    """Return a row's error and share of failures on a variant, means over the tracks; None where one is missing."""
     own = [board.cells[name, track].parts for track in tracks if (name, track) in board.cells]
     found = [parts[variant] for parts in own if variant in parts]
     if len(found) < len(tracks):
-        return "–"
-    error, failed = (np.mean([getattr(part, key) for part in found]) for key in ("error", "failed"))
-    return f"{error:.3f}, {failed:.0%}"
+        return None
+    error, failed = (float(np.mean([getattr(part, key) for part in found])) for key in ("error", "failed"))
+    return error, failed
+
+
+def part_cell(result: tuple[float, float] | None) -> str:
+    """Return the text of `result_on`."""
+    return f"{result[0]:.3f}, {result[1]:.0%}" if result else "–"
 
 
 def _world(board: Board) -> World:

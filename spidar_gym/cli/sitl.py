@@ -22,6 +22,7 @@ from spidar_gym.files import output_folder, write_text
 from spidar_gym.paper.calibration import require_robots
 from spidar_gym.paper.crawl import CRAWL_DISTANCE, CrawlLog
 from spidar_gym.processes import cpu_count
+from spidar_gym.sim.randomize import Randomization
 from spidar_gym.sitl import report
 from spidar_gym.sitl.course_drive import course_report, courses_in_process
 from spidar_gym.sitl.course_faults import course_fault_lines, pairs_of, play_course_faults
@@ -75,7 +76,12 @@ class Options:
     def __post_init__(self) -> None:
         require_least(0, seed=self.seed)
         require_name("link", self.link, LINKS)
-        require_robots(self.world)
+        require_robots(self.world)  # raises for anything but a calibrated world
+
+    @property
+    def robots(self) -> Randomization:
+        """Distribution of the robot."""
+        return require_robots(self.world)
 
     @property
     def mission(self) -> dict[str, Any]:
@@ -92,7 +98,7 @@ def _played(mission: Mission, out: Path, options: Options) -> tuple[Played, Path
     runner = build_for(options.link, options.residual)
     with progress(unit="tick", desc=f"{mission.name} over {options.link}") as bar:
         played = play(
-            mission, options.link, seed=options.seed, robots=require_robots(options.world), runner=runner,
+            mission, options.link, seed=options.seed, robots=options.robots, runner=runner,
             log=folder / "run.log", on_tick=bar.update,
         )  # fmt: skip
     write_text(folder / "mission.txt", mission.text)
@@ -187,8 +193,7 @@ def course(
         mission = course_mission(odometry=options.odometry)
     played, folder = _played(mission, out, options)
     with progress(total=robots, unit="robot", desc=f"{mission.name} in process") as bar:
-        own = require_robots(options.world)
-        others = courses_in_process(mission, robots, own, workers=workers, on_robot=bar.update)
+        others = courses_in_process(mission, robots, options.robots, workers=workers, on_robot=bar.update)
     figures, table = course_report(played.run, played.log, mission, others)
     _say_figures(folder, mission.name, figures, table, options.json)
 

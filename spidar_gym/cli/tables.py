@@ -10,8 +10,8 @@ from typing import Any
 from spidar_gym.benchmark.comparison import compare_rows, comparison_tables
 from spidar_gym.benchmark.held_out import HELD_OUT
 from spidar_gym.benchmark.held_out_table import condition_lines, held_out_lines, origin_lines, read_content, worst_lines
-from spidar_gym.benchmark.leaderboard import FRONT, tabulate
-from spidar_gym.benchmark.leaderboard_tables import first_lines, order_lines, part_cell, track_lines
+from spidar_gym.benchmark.leaderboard import FRONT, ranked, tabulate
+from spidar_gym.benchmark.leaderboard_tables import first_lines, order_lines, part_cell, result_on, track_lines
 from spidar_gym.benchmark.row import BASES, read_row, read_rows
 from spidar_gym.benchmark.track import CALIBRATED, FLIGHT, TRACKS, WORLD
 from spidar_gym.cli.bench import effect_lines, engine_lines
@@ -74,15 +74,16 @@ def _orders(root: Path) -> Lines:
     """Return the least margins of each flight preset with rigid legs, its places, and its results on each variant."""
     board = tabulate(read_rows(root / "baselines" / "scores"))
     heads, *places = order_lines(board)
+    order = ranked(board, [CALIBRATED[FLIGHT]])
     variants = [name for name, _ in find_world(WORLD).variants]
     lines = [["preset", "gain margin", "delay margin", *heads[1:3], *(f"{name}: error, failed" for name in variants)]]
-    for preset in (*PRESETS, *FORMER_PRESETS):
+    for preset in sorted((*PRESETS, *FORMER_PRESETS), key=lambda preset: order.index(BASES[preset])):
         name, margins = BASES[preset], loops(controller_config(preset))
         nominal, calibrated = next(line[1:3] for line in places if line[0] == name)
         least = [f"{min(m.gain for m in margins):.2f}", f"{1e3 * min(m.delay for m in margins):.0f} ms"]
-        halves = [part_cell(board, name, FRONT[CALIBRATED[FLIGHT]], variant) for variant in variants]
+        halves = [part_cell(result_on(board, name, FRONT[CALIBRATED[FLIGHT]], variant)) for variant in variants]
         lines.append([preset, *least, nominal, calibrated, *halves])
-    return [lines[0], *sorted(lines[1:], key=lambda line: int(line[4].split()[0]))]
+    return lines
 
 
 SUMMARY = {

@@ -49,8 +49,8 @@ SETTLING = 40
 """Ticks for which the robot lies on the floor before a course in process begins."""
 PERIOD = 1.0 / CONTROL_RATE
 """Length of a tick [s]."""
-DESCRIBED = Randomization()
-"""No randomisation."""
+NOT_SAMPLED = Randomization()
+"""No randomisation: the robots are those of the experiments with noise."""
 LATER = 30.0
 """Time by which a course in process may exceed its limit before it is refused [s]."""
 
@@ -100,7 +100,7 @@ def manager_config(mission: Mission) -> ManagerConfig:
     )  # fmt: skip
 
 
-def course_robot(mission: Mission, rng: np.random.Generator, robots: Randomization = DESCRIBED) -> PlantConfig:
+def course_robot(mission: Mission, rng: np.random.Generator, robots: Randomization = NOT_SAMPLED) -> PlantConfig:
     """Return a sampled robot for the floor, with the gates of the mission's map as boxes; a course's floor is level.
 
     Args:
@@ -179,7 +179,7 @@ class Guide:
         return self._is_there
 
 
-def course_in_process(mission: Mission, seed: int, robots: Randomization = DESCRIBED) -> CourseLog:
+def course_in_process(mission: Mission, seed: int, robots: Randomization = NOT_SAMPLED) -> CourseLog:
     """Run a course without a runner, with the core's manager and the estimator at 40 Hz on the same robot.
 
     Args:
@@ -275,7 +275,7 @@ def course_figures(log: CourseLog, mission: Mission) -> dict[str, Any]:
 
 
 def courses_in_process(
-    mission: Mission, count: int, robots: Randomization = DESCRIBED, *, workers: int = 1,
+    mission: Mission, count: int, robots: Randomization = NOT_SAMPLED, *, workers: int = 1,
     on_robot: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Compute the figures of the same course for several robots, with seeds from 0.
@@ -301,7 +301,7 @@ def courses_in_process(
 
 def _figures_in_process(job: tuple[Mission, int, Randomization]) -> dict[str, Any]:
     mission, seed, robots = job
-    kind = {"kind": robots.name} if robots.world else {}
+    kind = {"kind": robots.name} if robots.draws else {}
     try:
         return kind | course_figures(course_in_process(mission, seed, robots), mission)
     except SpidarError as error:
@@ -387,7 +387,7 @@ def course_report(
     figures = course_figures(driven_course(run, log), mission)
     table = format_table(course_lines(figures, done, rows_of(mission)))
     failures = [
-        f"{other['kind']}, robot {k}: {other['failure']}" for k, other in enumerate(others) if other not in done
+        f"{other['kind']}, robot {k}: {other['failure']}" for k, other in enumerate(others) if "failure" in other
     ]
     inside = {key: within_spread(figures, done, key) for _, key, _, _ in rows_of(mission)}
     figures = {**figures, "timing": timing(log), "in_process": list(others), "within_spread": inside}

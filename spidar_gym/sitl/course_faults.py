@@ -17,7 +17,7 @@ from spidar_gym.errors import SpidarError
 from spidar_gym.onboard.runner_structs import Action, Stage
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.randomize import Randomization
-from spidar_gym.sitl.course_drive import DESCRIBED
+from spidar_gym.sitl.course_drive import NOT_SAMPLED
 from spidar_gym.sitl.faults import FAULTS, FLOOR_PHASES, course_reaction
 from spidar_gym.sitl.missions import Mission, course_mission
 from spidar_gym.sitl.play import IN_PHASE, build_for, play
@@ -106,7 +106,7 @@ class Put:
     """One of `IN_PHASE`."""
     seed: int = 0
     """Seed of the robot, its noise and the random numbers of the fault."""
-    robots: Randomization = DESCRIBED
+    robots: Randomization = NOT_SAMPLED
     """Distribution of the robot."""
 
 
@@ -134,7 +134,7 @@ def pairs_of(faults: Sequence[str], phases: Sequence[str], sample: int = 0) -> l
 
 
 def play_course_faults(
-    link: str, pairs: Iterable[tuple[str, str]], *, seed: int = 0, robots: Randomization = DESCRIBED,
+    link: str, pairs: Iterable[tuple[str, str]], *, seed: int = 0, robots: Randomization = NOT_SAMPLED,
     workers: int = 1, folder: Path | None = None, on_fault: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Run each fault in its phase in a separate course; return the figures of each.

@@ -16,7 +16,7 @@ from spidar_gym.paper.crawl import CrawlLog, crawl_figures, crawl_lines
 from spidar_gym.paper.flight import FlightLog, flight_figures, flight_lines, noisy_robot
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.randomize import Randomization, randomize
-from spidar_gym.sitl.course_drive import DESCRIBED, course_robot
+from spidar_gym.sitl.course_drive import NOT_SAMPLED, course_robot
 from spidar_gym.sitl.faults import FAULTS, Injector
 from spidar_gym.sitl.missions import Mission, hover_mission
 from spidar_gym.sitl.report import RunnerLog, crawl_log, fault_figures, flight_log, read_runner_log, timing
@@ -49,7 +49,7 @@ class Played:
     """The runner's log."""
 
 
-def make_robot(mission: Mission, seed: int = 0, robots: Randomization = DESCRIBED) -> Robot:
+def make_robot(mission: Mission, seed: int = 0, robots: Randomization = NOT_SAMPLED) -> Robot:
     """Build a robot for a mission, with real sensors.
 
     Args:
@@ -72,7 +72,7 @@ def play(
     seed: int = 0,
     fault: str | None = None,
     phase: str = "",
-    robots: Randomization = DESCRIBED,
+    robots: Randomization = NOT_SAMPLED,
     runner: Path | None = None,
     log: Path | None = None,
     on_tick: Callable[[], object] = lambda: None,
@@ -149,7 +149,7 @@ def evaluate(played: Played) -> tuple[FlightLog | CrawlLog, dict[str, Any], str]
 
 
 def play_faults(
-    link: str, names: tuple[str, ...], *, seed: int = 0, robots: Randomization = DESCRIBED,
+    link: str, names: tuple[str, ...], *, seed: int = 0, robots: Randomization = NOT_SAMPLED,
     on_fault: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Run each fault in a separate hover; return the figures of each.

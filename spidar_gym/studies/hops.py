@@ -111,7 +111,7 @@ class Trip:
         """
         rng = np.random.Generator(np.random.PCG64(seed))
         config = PlantConfig(sense=sense, joint_speed=JOINT_SPEED)
-        if strength:
+        if Randomization.parse(strength).draws:
             config = randomize(config, rng, strength)[0]
         ground = ground or config.ground
         config = replace(config, ground=ground, sense=sense)
