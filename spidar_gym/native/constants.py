@@ -41,13 +41,16 @@ N_BODIES = 1 + N_ANGLES
 """Bodies of the kinematic tree: the torso, and one behind each joint and each vectoring servo."""
 MAX_OBSERVATION, MAX_TRACES, MAX_ACTION, MAX_WIDTH = 512, 128, 40, 1024
 """Largest sizes of a policy: observation, low-passed observations, action, widest layer."""
+NETWORK_BLOCK = 32
+"""Number of a layer's outputs that the core computes side by side."""
 MAX_ENTRIES = 48
 """Largest number of entries of an action, modes without a controller included."""
 SIZES = {
     "LEGS": N_LEGS, "ROTORS": N_ROTORS, "JOINTS": N_JOINTS, "FORCES": N_FORCES, "UNKNOWNS": N_UNKNOWNS,
     "MAX_N": MAX_N, "MAX_M": MAX_M, "MAX_STEPS": MAX_STEPS, "MAX_OBSERVATION": MAX_OBSERVATION,
     "MAX_ACTION": MAX_ACTION, "HISTORY": HISTORY, "ANGLES": N_ANGLES, "BODIES": N_BODIES, "POSE_FRAMES": POSE_FRAMES,
-    "IMU_SAMPLES": IMU_SAMPLES, "MAX_ENTRIES": MAX_ENTRIES, "MODE_COSTS": 4, "MODE_ROWS": 6, "PATH_AHEAD": path.AHEAD,
+    "IMU_SAMPLES": IMU_SAMPLES, "MAX_ENTRIES": MAX_ENTRIES,
+    "NETWORK_BLOCK": NETWORK_BLOCK, "MODE_COSTS": 4, "MODE_ROWS": 6, "PATH_AHEAD": path.AHEAD,
     "MAX_WAYPOINTS": MAX_WAYPOINTS, "MANAGER_KNOTS": MANAGER_KNOTS,
     "COURSE_AHEAD": course_observation.AHEAD,
 }  # fmt: skip

@@ -16,6 +16,7 @@ from spidar_gym.envs.registry import CRAWL, HOVER
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.native.codegen.header import array, header, hex_float
 from spidar_gym.native.constants import MAX_ACTION, MAX_OBSERVATION, MAX_TRACES, MAX_WIDTH
+from spidar_gym.native.network import Network, padded
 from spidar_gym.policies import external, torso
 from spidar_gym.policies.artifact import Artifact
 from spidar_gym.policies.external import ExternalForce
@@ -34,8 +35,6 @@ PLACES = {
     "VELOCITY": "velocity_error", "ATTITUDE": "attitude_error", "INTEGRAL": "position_integral",
 }  # fmt: skip
 """Entries of the flight observation that the core reads, by names in C."""
-BLOCK = 32
-"""Number of a layer's outputs that the core computes side by side."""
 RATE = 10.0
 """Largest rate of every entry of an action [1/s]; the range −1 … 1 has length 2."""
 ENVIRONMENTS = {
@@ -80,7 +79,7 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
     words["STEP"] = f"{hex_float(rate / CONTROL_RATE)} /* largest change of an action per tick: {rate:g} per second */"
     share = Washout(artifact.washout).share
     *first, (weight, bias) = zip(artifact.weights, artifact.biases, strict=True)
-    layers = (*first, (weight[:said], bias[:said]))
+    network = Network((*first, (weight[:said], bias[:said])), skip=artifact.skip[:said])
     arrays = {
         "MEAN": artifact.mean.astype(float),
         "DEVIATION": np.sqrt(artifact.variance.astype(float)),
@@ -89,11 +88,8 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
         "AUTHORITY": np.concatenate(
             [np.broadcast_to(actions.AUTHORITIES[each.name], each.size) for each in added] or [np.zeros(1)]
         ),
-        "WEIGHTS": np.concatenate([blocks(w, b) for w, b in layers]),
+        "WEIGHTS": network.numbers,
     }
-    if artifact.skip.size:
-        none = np.zeros(said, np.float32)
-        arrays["WEIGHTS"] = np.concatenate([arrays["WEIGHTS"], blocks(artifact.skip[:said], none)])
     if traces:
         arrays["TRACED"] = np.tile(artifact.traced, len(artifact.trace_times)).astype(int)
         arrays["TRACE_SHARE"] = Traces(artifact.traced, artifact.trace_times).share
@@ -127,16 +123,6 @@ def _said(artifact: Artifact) -> int:
     parts = [artifact.weights[-1], artifact.biases[-1][:, None], *([artifact.skip] if artifact.skip.size else [])]
     loud = np.flatnonzero(np.any([np.any(part != 0.0, axis=1) for part in parts], axis=0))
     return int(loud[-1]) + 1 if loud.size else 1
-
-
-def blocks(weights: np.ndarray, biases: np.ndarray) -> np.ndarray:
-    """Return a layer in the core's order: weights of every `BLOCK` outputs by input, then all biases, padded with 0."""
-    out, size = weights.shape
-    padded = np.zeros((-(-out // BLOCK) * BLOCK, size), np.float32)
-    padded[:out] = weights
-    last = np.zeros(len(padded), np.float32)
-    last[:out] = biases
-    return np.concatenate([padded.reshape(-1, BLOCK, size).transpose(0, 2, 1).reshape(-1), last])
 
 
 def _check_sizes(artifact: Artifact, width: int, traces: int, shown: tuple[int, int]) -> None:
@@ -177,8 +163,7 @@ def _words(kind: str, name: str, preset: str, sizes: tuple[int, ...], channels: 
         "PRESET": f'"{preset}" /* preset of the controller that it adds to */',
         "LAYERS": len(sizes) - 1,
         "SIZES": f"{{{', '.join(map(str, sizes))}}}",
-        "BLOCK": BLOCK,
-        "WIDTH": f"{-(-max(1, *sizes) // BLOCK) * BLOCK} /* of the widest layer, in whole blocks */",
+        "WIDTH": f"{padded(max(1, *sizes))} /* of the widest layer, in whole blocks */",
         "SEES": 0,
         "TRACES": 0,
         "SKIP": 0,

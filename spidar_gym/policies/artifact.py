@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.registry import COURSE, ENVIRONMENTS, HOVER
 from spidar_gym.errors import InvalidValueError, SpidarError, require_name, require_not_negative
 from spidar_gym.files import write_bytes
+from spidar_gym.native.network import Network
 from spidar_gym.policies import course, external, torso
 from spidar_gym.policies.external import ExternalForce
 from spidar_gym.policies.filters import Traces, Washout
@@ -25,7 +27,7 @@ FORMAT = 3
 """Version of the format."""
 READABLE = (2, FORMAT)
 """Versions that can be read; version 2 has neither traces nor a skip matrix."""
-ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0.0))}
+ACTIVATIONS = ("tanh", "relu")
 """Valid activations of the hidden layers."""
 OUTPUTS = ("clip", "tanh", "torso", "rule")
 """Conversions of the last layer to an action: clipped to ± 1 (PPO), squashed (SAC), a `direct` command in torso axes.
@@ -174,8 +176,13 @@ class Artifact:
         """Length of an action."""
         return len(course.ACTION) if self.output == "rule" else len(self.biases[-1])
 
+    @cached_property
+    def _network(self) -> Network:
+        layers = zip(self.weights, self.biases, strict=True)
+        return Network(tuple(layers), relu=self.activation == "relu", skip=self.skip)
+
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """Return the network's action in [−1, 1], in single precision as in training.
+        """Return the network's action in [−1, 1], in single precision as in training, and with the bits of the robot.
 
         Args:
             observation: Shape (…, size), followed by the commanded joints with the output `torso`, or by the external
@@ -187,17 +194,11 @@ class Artifact:
             seen = np.concatenate([torso.features(observation), traces], axis=-1)
         x = (seen - self.mean) / np.sqrt(self.variance)
         x = np.minimum(np.maximum(x, -self.clip), self.clip).astype(np.float32)
-        first, last = x, len(self.weights) - 1
-        for k, (w, b) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x = np.matmul(w, x[..., None])[..., 0] + b  # row by row: their number changes no bit
-            if k < last:
-                x = ACTIVATIONS[self.activation](x)
-        if self.skip.size:
-            x = x + np.matmul(self.skip, first[..., None])[..., 0]
+        x = self._network(x)
         if in_torso:
             return torso.command(x, observation).astype(np.float32)
         if self.output == "tanh":
-            return np.tanh(x)
+            return np.tanh(x.astype(np.float64)).astype(np.float32)
         x = np.minimum(np.maximum(x, np.float32(-1.0)), np.float32(1.0))
         return course.command(x, observation) if self.output == "rule" else x
 

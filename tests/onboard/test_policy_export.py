@@ -20,13 +20,15 @@ from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.native import recipe
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.constants import CHANNELS, MAX_ACTION, MAX_WIDTH
+from spidar_gym.native.constants import NETWORK_BLOCK as BLOCK
 from spidar_gym.native.core_flight import CoreFlightController
 from spidar_gym.native.library import Struct
+from spidar_gym.native.network import padded
 from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard import golden
 from spidar_gym.onboard.build import build_core
 from spidar_gym.onboard.export import export, export_files
-from spidar_gym.onboard.policy import BLOCK, RATE, policy_header
+from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.policies.artifact import Washout, write_artifact
 from spidar_gym.state import Residual
 
@@ -41,7 +43,7 @@ def test_the_headers_numbers_are_the_artifacts_bit_for_bit():
     rest = found["WEIGHTS"]
     for weights, biases in zip(net.weights, net.biases, strict=True):
         out, size = weights.shape
-        room = -(-out // BLOCK) * BLOCK
+        room = padded(out)
         layer, last, rest = np.split(rest, [room * size, room * (size + 1)])
         for k in range(room):  # output k is in block k // BLOCK, its weights BLOCK numbers apart
             own = layer[k // BLOCK * BLOCK * size :][k % BLOCK : BLOCK * size : BLOCK]

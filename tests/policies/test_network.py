@@ -33,6 +33,37 @@ def test_an_action_is_that_of_the_network_in_double_precision(activation, output
     assert np.ptp(found, axis=0).min() > 0.1
 
 
+@pytest.mark.parametrize("activation", ["tanh", "relu"])
+@pytest.mark.parametrize("output", ["clip", "tanh"])
+def test_an_action_is_summed_in_the_order_of_the_inputs_whatever_the_processor(activation, output):
+    """The library of NumPy's products sums in an order of its processor; flights that sway differed by it."""
+    skip = np.random.default_rng(5).normal(size=(40, 90)).astype(np.float32)
+    net = made((90, 70, 33, 40), activation=activation, output=output, skip=skip)
+    seen = np.random.default_rng(4).normal(size=(3, 7, 90))
+    x = inputs = np.clip((seen - net.mean) / np.sqrt(net.variance), -net.clip, net.clip).astype(np.float32)
+    for k, (w, b) in enumerate(zip(net.weights, net.biases, strict=True)):
+        x = in_order(w, x) + b
+        if k < len(net.weights) - 1:
+            x = squashed(x) if activation == "tanh" else np.maximum(x, np.float32(0.0))
+    x = x + in_order(skip, inputs)
+    expected = squashed(x) if output == "tanh" else np.clip(x, -1.0, 1.0)
+    np.testing.assert_array_equal(net.act(seen), expected)
+    np.testing.assert_array_equal([[net.act(one) for one in rows] for rows in seen], expected)
+    assert not np.array_equal(in_order(skip, inputs), inputs @ skip.T), "the order matters"
+
+
+def in_order(w, x):
+    """Return W x in single precision, summed in the order of x."""
+    total = np.zeros((*x.shape[:-1], len(w)), np.float32)
+    for j in range(w.shape[1]):
+        total += w[:, j] * x[..., j, None]
+    return total
+
+
+def squashed(x):
+    return np.tanh(x.astype(np.float64)).astype(np.float32)
+
+
 @pytest.mark.train
 @pytest.mark.parametrize("output", ["clip", "tanh"])
 @pytest.mark.parametrize("activation", ["tanh", "relu"])

@@ -11,48 +11,57 @@ int sp_policy_kind(void) { return SP_POLICY_KIND; }
 
 /* ---- network ---- */
 
+/* Computed in double precision: the libraries' tanhf differ in the last bit, tanh rounded to a float does not. */
+static float squash(float x) { return (float)tanh((double)x); }
 /* The comparisons preserve NaN, so that NaN does not become an action. */
-static float activation(float x) { return SP_POLICY_RELU ? (x < 0.0f ? 0.0f : x) : tanhf(x); }
-static float output(float x) { return SP_POLICY_SQUASH ? tanhf(x) : (float)sp_clip(x, -1.0, 1.0); }
+static float output(float x) { return SP_POLICY_SQUASH ? squash(x) : (float)sp_clip(x, -1.0, 1.0); }
 
 /* y = W x + b in blocks of outputs, each sum in the order of the inputs; returns the address of the next weights. */
 static const float *multiply(const float *w, const float *x, int from, int to, float *y)
 {
-    const int blocks = (to + SP_POLICY_BLOCK - 1) / SP_POLICY_BLOCK;
+    const int blocks = (to + SP_NETWORK_BLOCK - 1) / SP_NETWORK_BLOCK;
     for (int i = 0; i < blocks; i++) {
-        float sum[SP_POLICY_BLOCK] = {0.0f};
-        for (int j = 0; j < from; j++, w += SP_POLICY_BLOCK)
-            for (int k = 0; k < SP_POLICY_BLOCK; k++) sum[k] += w[k] * x[j];
-        memcpy(y + SP_POLICY_BLOCK * i, sum, sizeof sum);
+        float sum[SP_NETWORK_BLOCK] = {0.0f};
+        for (int j = 0; j < from; j++, w += SP_NETWORK_BLOCK)
+            for (int k = 0; k < SP_NETWORK_BLOCK; k++) sum[k] += w[k] * x[j];
+        memcpy(y + SP_NETWORK_BLOCK * i, sum, sizeof sum);
     }
-    for (int i = 0; i < SP_POLICY_BLOCK * blocks; i++) y[i] += w[i];
-    return w + SP_POLICY_BLOCK * blocks;
+    for (int i = 0; i < SP_NETWORK_BLOCK * blocks; i++) y[i] += w[i];
+    return w + SP_NETWORK_BLOCK * blocks;
 }
 
-/* Evaluate the network up to its last layer in single precision, as in training; outputs that it lacks are 0. */
+/* Evaluate a network up to its last layer in single precision, as in training; the same bits on every processor.
+ * `sizes` has the input and the outputs of each layer, `w` the layers one after the other (then the matrix from the
+ * input to the output if `has_skip`), `work` room for twice the widest layer in whole blocks. */
+void sp_network(const float *w, const int32_t *sizes, int layers, int relu, int has_skip, const float *input, float *work, int width,
+                float *answer)
+{
+    float *x = work, *y = work + width;
+    memcpy(x, input, sizes[0] * sizeof *x);
+    for (int k = 0; k < layers; k++) {
+        w = multiply(w, x, sizes[k], sizes[k + 1], y);
+        for (int i = 0; i < sizes[k + 1] && k + 1 < layers; i++) y[i] = relu ? (y[i] < 0.0f ? 0.0f : y[i]) : squash(y[i]);
+        float *last = x;
+        x = y, y = last;
+    }
+    if (has_skip) {
+        multiply(w, input, sizes[0], sizes[layers], y);
+        for (int i = 0; i < sizes[layers]; i++) x[i] += y[i];
+    }
+    memcpy(answer, x, sizes[layers] * sizeof *answer);
+}
+
+/* Evaluate the policy's network on what it is shown; outputs that it lacks are 0. */
 static void evaluate_network(const double *shown, float *answer)
 {
-    static const int sizes[] = SP_POLICY_SIZES;
-    float input[SP_POLICY_WIDTH], first[SP_POLICY_WIDTH], second[SP_POLICY_WIDTH], *x = first, *y = second;
-    const float *w = SP_POLICY_WEIGHTS;
+    static const int32_t sizes[] = SP_POLICY_SIZES;
+    float input[SP_POLICY_WIDTH], work[2 * SP_POLICY_WIDTH];
     for (int i = 0; i < sizes[0]; i++) {
         double n = (shown[i] - SP_POLICY_MEAN[i]) / SP_POLICY_DEVIATION[i];
         input[i] = (float)sp_clip(n, -SP_POLICY_CLIP, SP_POLICY_CLIP);
     }
-    memcpy(x, input, sizeof input);
-    for (int k = 0; k < SP_POLICY_LAYERS; k++) {
-        w = multiply(w, x, sizes[k], sizes[k + 1], y);
-        for (int i = 0; i < sizes[k + 1] && k + 1 < SP_POLICY_LAYERS; i++) y[i] = activation(y[i]);
-        float *last = x;
-        x = y, y = last;
-    }
-    const int said = sizes[SP_POLICY_LAYERS];
-    if (SP_POLICY_SKIP) {
-        multiply(w, input, sizes[0], said, y);
-        for (int i = 0; i < said; i++) x[i] += y[i];
-    }
     memset(answer, 0, SP_POLICY_ACTIONS * sizeof *answer);
-    memcpy(answer, x, said * sizeof *answer);
+    sp_network(SP_POLICY_WEIGHTS, sizes, SP_POLICY_LAYERS, SP_POLICY_RELU, SP_POLICY_SKIP, input, work, SP_POLICY_WIDTH, answer);
 }
 
 /* ---- torso axes ---- */

@@ -162,6 +162,8 @@ int sp_observe_course(const sp_robot *robot, const sp_manager *manager, const sp
 /* policy.c: call it before the controller's step and pass the residual to that step, NULL if the policy is off.
  * Reset the policy whenever it is switched on. */
 void sp_make_residual(const double *action, const double *authority, int n, int32_t channels, sp_residual *residual);
+void sp_network(const float *weights, const int32_t *sizes, int layers, int relu, int has_skip, const float *input, float *work,
+                int width, float *answer);
 int sp_policy_kind(void); /* sp_policy_target */
 void sp_policy_reset(sp_policy *policy);
 void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight *flight, const sp_robot_state *state,

@@ -20,6 +20,7 @@
 #define SP_POSE_FRAMES 4
 #define SP_IMU_SAMPLES 8
 #define SP_MAX_ENTRIES 48
+#define SP_NETWORK_BLOCK 32
 #define SP_MODE_COSTS 4
 #define SP_MODE_ROWS 6
 #define SP_PATH_AHEAD 4

@@ -9,7 +9,6 @@
 #define SP_POLICY_PRESET "" /* preset of the controller that it adds to */
 #define SP_POLICY_LAYERS 0
 #define SP_POLICY_SIZES {0}
-#define SP_POLICY_BLOCK 32
 #define SP_POLICY_WIDTH 32 /* of the widest layer, in whole blocks */
 #define SP_POLICY_SEES 0
 #define SP_POLICY_TRACES 0
