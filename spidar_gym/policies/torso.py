@@ -62,7 +62,8 @@ def links(joint_position: np.ndarray) -> np.ndarray:
     """Return attitudes R_bl of the rotors' links (…, 8, 3, 3) at joint positions (…, 16) [rad]."""
     q = joint_position.reshape(*joint_position.shape[:-1], N_LEGS, 4)
     inner = _yaw_pitch(_AZIMUTHS + q[..., 0], q[..., 1])
-    outer = np.matmul(inner, _yaw_pitch(q[..., 2], q[..., 3]))
+    knee = _yaw_pitch(q[..., 2], q[..., 3])
+    outer = (inner[..., :, :, None] * knee[..., None, :, :]).sum(axis=-2)  # products of a library differ by processor
     both = np.stack([inner, outer], axis=-3)
     return both.reshape(*joint_position.shape[:-1], N_ROTORS, 3, 3)
 
@@ -82,7 +83,7 @@ def directions(sine: np.ndarray, cosine: np.ndarray) -> np.ndarray:
 
 def turned(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Rotate each vector (…, 8, 3) by its matrix."""
-    return np.matmul(R, vectors[..., None])[..., 0]
+    return (R * vectors[..., None, :]).sum(axis=-1)
 
 
 @dataclass(frozen=True)
