@@ -29,10 +29,12 @@ from spidar_gym.studies.calibrate import fit_lines, profile_lines
 from spidar_gym.studies.gates import gate_lines
 from spidar_gym.studies.hops import hop_lines
 from spidar_gym.studies.lost import lost_lines
+from spidar_gym.studies.margins import check_lines
 from spidar_gym.studies.reality import reality_lines
 from spidar_gym.studies.steps import step_lines
 from spidar_gym.text import format_table
 from spidar_gym.tune.flight import loops, margin_lines
+from spidar_gym.tune.legs import leg_lines
 
 RESULTS = Path("docs") / "results"
 """Folder of the committed results in a clone."""
@@ -147,6 +149,8 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "calibrate": lambda result: fit_lines(result["calibrate"]),
     "profiles": lambda result: profile_lines(result["profiles"]),
     "reality": lambda result: reality_lines(result["reality"]),
+    "leg_margins": lambda result: leg_lines(result["leg_margins"]),
+    "leg_falls": lambda result: check_lines(result["leg_falls"]),
     "engine": lambda result: engine_lines(result["engine"]),
     "effects": lambda result: effect_lines(result["effects"]),
 }

@@ -23,9 +23,11 @@ from spidar_gym.studies import calibrate as calibration
 from spidar_gym.studies import gates as gate_study
 from spidar_gym.studies import hops as hop_study
 from spidar_gym.studies import lost as lost_study
+from spidar_gym.studies import margins as margin_study
 from spidar_gym.studies import reality as reality_study
 from spidar_gym.studies import steps as step_study
 from spidar_gym.text import format_table
+from spidar_gym.tune import legs
 
 app = tyro.extras.SubcommandApp()
 
@@ -223,6 +225,48 @@ def reality(
             world, robots=robots, workers=workers, folder=unfinished, on_run=on_run
         ),
         table=lambda rows: format_table(reality_study.reality_lines(rows)),
+    )  # fmt: skip
+
+
+@app.command
+def margins(
+    controllers: tuple[str, ...] = margin_study.CONTROLLERS,
+    check: Flag = False,
+    world: str = "calibrated_1",
+    robots: int = legs.ROBOTS,
+    out: Path = Path("out/margins"),
+    workers: int = cpu_count(),
+    json: JsonArg = False,
+) -> None:
+    """Compute margins of flight controllers with legs that bend, worst over calibrated robots and forms; resumable.
+
+    Args:
+        controllers: Presets, or policies module:Class that have a flight controller; one takes about a minute.
+        check: Instead, compare the gains at which the linear model has growing modes with those at which the simulated
+            robot swings and falls: 72 cases, about 15 minutes on two cores.
+        world: Name or file of a calibrated world.
+        robots: Number of its robots, its kinds in turn.
+        out: Folder for leg_margins.json, or leg_falls.json.
+        workers: Number of processes.
+    """
+    require_least(1, robots=robots, workers=workers)
+    require_world(world)
+    folder = output_folder(out)
+    if check:
+        studied(
+            folder, "leg_falls", "case", len(margin_study.cases()), json=json,
+            play=lambda unfinished, on_done: margin_study.check_study(
+                workers=workers, folder=unfinished, on_done=on_done
+            ),
+            table=lambda rows: f"{format_table(margin_study.check_lines(rows))}\n{margin_study.summary(rows)}",
+        )  # fmt: skip
+        return
+    studied(
+        folder, "leg_margins", "controller", len(controllers), json=json,
+        play=lambda unfinished, on_done: margin_study.margin_study(
+            controllers, world, robots, workers=workers, folder=unfinished, on_done=on_done
+        ),
+        table=lambda rows: format_table(legs.leg_lines(rows)),
     )  # fmt: skip
 
 
