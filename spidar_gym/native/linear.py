@@ -35,6 +35,8 @@ CALM = 8.0
 """Least damping of the joint servos in that flight [Nm s/rad]."""
 TOLERANCE = 1e-5
 """Growth of a mode per tick up to which a loop counts as stable: the integrals of a hover are neutral."""
+HARDLY = 0.01
+"""Motion of the torso below which a mode at the limits of the actuators only rings [m, rad] [chosen]."""
 LEAST_GAIN, MOST_GAIN, MOST_DELAY = 0.4, 8.0, 0.2
 """Least and largest gain, and largest delay, that are tried [s]."""
 MEASURED = {
@@ -387,20 +389,22 @@ class Loop:
         return -1.0
 
     def _rings(self, frequency: float, shape: np.ndarray, gain: float) -> bool:
-        """Return whether the vectoring servos of a mode reach their speed before a thrust reaches its limit."""
+        """Return whether a mode hardly moves the torso when its thrusts or vectoring servos reach their limits."""
         robot, law = self.robot, self.law
         n, m = len(robot.A), len(law.A)
         u = gain * np.abs(law.D @ robot.C @ shape[:n] + law.C @ shape[n : n + m])
         speed = u[N_ROTORS:].max() * 2.0 * math.sin(0.5 * frequency * self.period) / self.period
-        return float((u[:N_ROTORS] / robot.thrust_room).max()) < speed / robot.vectoring_speed
+        limit = 1.0 / max(float((u[:N_ROTORS] / robot.thrust_room).max()), speed / robot.vectoring_speed)
+        y = np.abs(robot.C @ shape[:n]) * limit
+        return bool(y[:6].max() < HARDLY)
 
     def gain_margin(self, *, rings: bool = False) -> tuple[float, float]:
         """Return the factor on the commands' deviations from which on a mode grows, and its frequency [rad/s].
 
-        Modes that ring count only if `rings`. Their vectoring servos reach their speed before a thrust reaches its
-        limit; that bounds the swing, and the robot stays up. All other modes throw it over. Below 1 a mode grows
-        already, and the loop is stable with that factor. Where none grows up to `MOST_GAIN`, the factor is that, and
-        where one grows down to `LEAST_GAIN`, 0; the frequency is then −1.
+        Modes that ring count only if `rings`: legs and vectoring servos swing, and the torso hardly moves when an
+        actuator reaches its limit, which bounds them. All others throw the robot over. Below 1 a mode grows already,
+        and the loop is stable with that factor. Where none grows up to `MOST_GAIN`, the factor is that, and where one
+        grows down to `LEAST_GAIN`, 0; the frequency is then −1.
         """
         frequency = self.growing(rings=rings)
         end = MOST_GAIN if frequency < 0.0 else LEAST_GAIN
