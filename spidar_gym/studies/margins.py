@@ -24,7 +24,7 @@ CONTROLLERS = (
 """Presets, and rivals that have a flight controller."""
 CHECKED = ("as_flown", "paper", "tuned_v1", "tuned", "retuned", "baselines.adrc:Adrc")
 """Controllers whose falls are compared with the simulator's."""
-LATE = ((8.9, 0.03), (1.4, 0.03), (0.8, 0.05), (0.55, 0.03))
+CONDITIONS = ((8.9, 0.03), (1.4, 0.03), (0.8, 0.05), (0.55, 0.03))
 """Damping of the joints [Nm s/rad] and delay of the commands [s] of the cases; the thrust lags by `LAG`."""
 LAG = 0.04
 """Lag of the thrust [s]."""
@@ -89,7 +89,7 @@ def margin_study(
 
 def cases() -> list[Case]:
     """Return all cases of the comparison."""
-    return [Case(name, form, *late) for name in CHECKED for form in FORMS for late in LATE]
+    return [Case(name, form, *own) for name in CHECKED for form in FORMS for own in CONDITIONS]
 
 
 def check_study(
@@ -118,7 +118,6 @@ def compare(case: Case) -> dict[str, Any]:
         start = hover.state
         plant.reset(start.position_w, start.quat_wb, start.joint_position, start.vectoring, start.thrust)
         plant.data.qpos[:], plant.data.act[:], plant.data.ctrl[:] = hover.qpos, hover.act, hover.act
-        plant.keep()
         state, rest, fastest = plant.state(), np.zeros(0), 0.0
         for k in range(ticks := round(SECONDS / plant.period)):
             command = controller.step(state, hover.reference)

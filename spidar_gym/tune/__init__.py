@@ -1,1 +1,1 @@
-"""The search for the presets `tuned` and `robust_overlapped`, by CMA-ES or pattern search on separate scenarios."""
+"""Searches for the presets, on separate scenarios, and the margins of flight controllers."""

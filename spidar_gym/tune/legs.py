@@ -20,7 +20,6 @@ from spidar_gym.native.linear import (
     behind_encoders,
     linear_law,
     linear_robot,
-    modelled,
     settle,
 )
 from spidar_gym.policies.load import load_policy
@@ -112,7 +111,7 @@ def leg_margins(controller: FlightController, robots: Iterable[tuple[str, PlantC
         hover = settle(controller, form, PlantConfig())
         law = behind_encoders(linear_law(hover), EstimatorConfig().joint_bandwidth, 1.0 / controller.config.rate_hz)
         for kind, config in robots:
-            loop = Loop(linear_robot(hover, modelled(config)), law)
+            loop = Loop(linear_robot(hover, config), law)
             place = f"{kind}, {name}"
             gain, frequency = loop.gain_margin()
             gains.append((gain, _at(place, frequency)))

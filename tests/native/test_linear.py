@@ -130,6 +130,17 @@ def test_margins_end_where_a_mode_begins_to_grow():
     assert later.growing() < 0.0, "a further delay is a longer delay"
 
 
+def test_modes_that_move_only_legs_and_servos_ring_and_do_not_throw_the_robot_over():
+    folded, stretched = (settle(law_of("tuned"), FORMS[form], PlantConfig()) for form in ("form3", "form2"))
+    rings, throws = (
+        Loop(linear_robot(hover, loose(0.55, delay=0.03, thrust_lag=0.04)), linear_law(hover))
+        for hover in (folded, stretched)
+    )
+    assert rings.growing() == -1.0
+    assert rings.growing(rings=True) == pytest.approx(math.pi / 0.025), "from tick to tick"
+    assert throws.growing() == throws.growing(rings=True) == pytest.approx(15.0, abs=1.0)
+
+
 def test_a_hover_that_swings_with_well_damped_joints_has_no_margins():
     config = controller_config("paper")
     gains = replace(config.centroidal, attitude_gains=((2000.0, 1.0, 60.0),) * 3)
