@@ -39,7 +39,7 @@ BASES = {"paper": "qp", "as_flown": "qp_as_flown", "as_flown_quasi": "qp_as_flow
          "tuned_v1": "qp_tuned_v1", "retuned": "qp_retuned",
          "published": "qp", "robust": "qp_tuned", "overlapped": "qp_overlapped",
          "robust_overlapped": "qp_robust_overlapped", "robust_overlapped_v1": "qp_robust_overlapped_v1",
-         "robust_retuned": "qp_retuned"}  # fmt: skip
+         "robust_retuned": "qp_retuned", "steady": "qp_steady", "steady_crawl": "qp_steady"}  # fmt: skip
 """Preset → the row of its controller, with which residuals on this preset are compared."""
 ROWS = "baselines/scores"
 """Folder of the committed rows."""

@@ -11,14 +11,21 @@ from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.margins import Margins
 from spidar_gym.control.presets import controller_config
 from spidar_gym.envs.registry import HOVER
+from spidar_gym.margins import leg_lines
 from spidar_gym.policies.load import load_policy
 from spidar_gym.policies.policy import policy_arguments
 from spidar_gym.policies.source import load_module, module_of
 from spidar_gym.tune.flight import loops
 from spidar_gym.tune.search import Search, find_search
 
-SEARCHED = {"qp_tuned": ("flight",), "qp_robust_overlapped": ("crawl",), "qp_retuned": ("retuned", "recrawl")}
+SEARCHED = {
+    "qp_tuned": ("flight",), "qp_robust_overlapped": ("crawl",), "qp_retuned": ("retuned", "recrawl"),
+    "qp_steady": ("steady",),
+}  # fmt: skip
 """Row → the built-in searches that found its parameters; for other rows the search has the name of the row."""
+
+LEG_MARGINS = "docs/results/leg_margins.json"
+"""Result of the study `margins`."""
 
 Lines = list[list[str]]
 
@@ -77,6 +84,7 @@ def card_lines(root: Path, name: str, base: str) -> Lines:
     margins = _margins(spec, searches)
     if margins:
         lines.append(["margins", _least(margins)])
+    lines += [["margins with legs", cell] for cell in _with_legs(root, spec)]
     return [
         *lines,
         ["time of a step", f"median {median:.1f} ms, 99th percentile {most:.1f} ms; {unsolved} without a solution"],
@@ -90,7 +98,8 @@ def _searches(spec: str, name: str) -> dict[str, Search]:
     module = module_of(spec)[0]
     if name in SEARCHED:
         return {own: find_search(own) for own in SEARCHED[name]}
-    return {f"{module}:SEARCH": find_search(f"{module}:SEARCH")} if hasattr(load_module(module), "SEARCH") else {}
+    found = vars(load_module(module)).items()
+    return {f"{module}:{own}": search for own, search in found if isinstance(search, Search) and search.name == name}
 
 
 def _numbers(root: Path, searches: Mapping[str, Search]) -> str:
@@ -109,10 +118,22 @@ def _margins(spec: str, searches: Mapping[str, Search]) -> list[Margins]:
     if arguments is None:
         return []
     own = next((search.loops for search in searches.values() if search.loops is not None), None)
-    if "law" in arguments and own is not None:
-        return [*own(load_module(module_of(spec)[0]).FOUND)]
+    if "law" in arguments:
+        return [*own(load_module(module_of(spec)[0]).FOUND)] if own is not None else []
     config = arguments.get("controller") or controller_config(arguments.get("preset", "paper"))
     return loops(config) if isinstance(config, ControllerConfig) else []
+
+
+def _with_legs(root: Path, spec: str) -> list[str]:
+    """Return the worst margins with legs that bend, in words, if the result of the study `margins` has them."""
+    preset = (policy_arguments(load_policy(spec), HOVER) or {}).get("preset")
+    rows = json.loads((root / LEG_MARGINS).read_text(encoding="utf-8"))["result"]["leg_margins"]
+    lines = dict(zip((row["controller"] for row in rows), leg_lines(rows)[1:], strict=True))
+    return [
+        f"gain margin {gain} ({gain_at}), delay margin {delay} ({delay_at}), rings from {rings}; each the worst of "
+        "forms and calibrated robots"
+        for _, gain, gain_at, delay, delay_at, _, _, rings, _ in (lines[own] for own in (spec, preset) if own in lines)
+    ]
 
 
 def _least(margins: Sequence[Margins]) -> str:

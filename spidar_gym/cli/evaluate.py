@@ -49,7 +49,7 @@ BASELINES = (
     "baselines.compensation:Compensation", "baselines.planning:Planning",
     "baselines.indi:Indi", "baselines.adrc:Adrc", "baselines.mpc:MPC",
     "baselines.qp_tuned:QPTuned", "baselines.qp_tuned:QPTunedV1",
-    "baselines.qp_retuned:QPRetuned",
+    "baselines.qp_retuned:QPRetuned", "baselines.qp_steady:QPSteady",
     "baselines.qp_tuned:QPOverlapped", "baselines.qp_robust_overlapped:QPRobustOverlapped",
     "baselines.qp_robust_overlapped:QPRobustOverlappedV1", "baselines.walking:Walking", "baselines.hold:Hold",
     "baselines.blind:Blind",

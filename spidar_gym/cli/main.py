@@ -58,7 +58,8 @@ def tune(
     """Tune a controller's parameters: flight and crawl with CMA-ES, the others by pattern search; resumable.
 
     Args:
-        search: flight or retuned (flight tracks), crawl or recrawl (ground tracks), or module:NAME of a custom Search.
+        search: flight or retuned (flight tracks), steady (calibrated flight tracks), crawl or recrawl (ground tracks),
+            steady_crawl (calibrated ground track, also at 0.8 rad/s), or module:NAME of a custom Search.
         out: Folder for the log of the search, written after every generation, from which the search resumes.
         generations: Total number of generations; a pattern search can end earlier, when no step improves the cost.
         population: Number of candidates per generation, 12 if not given; always 2 for a pattern search.

@@ -200,7 +200,7 @@ def crawl(
 
     Args:
         preset: published is the paper's gait, overlapped the same gait with overlapping phases.
-            robust has margins for other robots and floors, robust_retuned is the best crawler.
+            robust has margins for other robots and floors, steady_crawl is the recommended crawler.
         out: Folder for crawl.json, crawl.png, cycle.png and crawl.mp4.
         overlapped: The same as --preset overlapped.
         speed: Joint speed [rad/s]; the preset's 0.2 if not given.

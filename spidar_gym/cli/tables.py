@@ -18,6 +18,7 @@ from spidar_gym.cli.bench import effect_lines, engine_lines
 from spidar_gym.cli.cards import card_lines, method_lines
 from spidar_gym.control.presets import FORMER_PRESETS, PRESETS, controller_config
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
+from spidar_gym.margins import leg_lines
 from spidar_gym.paper.crawl import crawl_lines
 from spidar_gym.paper.crawl_study import study_lines
 from spidar_gym.paper.flight import flight_lines
@@ -26,6 +27,8 @@ from spidar_gym.sim.worlds import find_world, world_lines
 from spidar_gym.sitl.course_faults import course_fault_lines
 from spidar_gym.studies.ablations import ablation_lines
 from spidar_gym.studies.calibrate import fit_lines, profile_lines
+from spidar_gym.studies.drift import drift_lines
+from spidar_gym.studies.energy import energy_lines
 from spidar_gym.studies.gates import gate_lines
 from spidar_gym.studies.hops import hop_lines
 from spidar_gym.studies.lost import lost_lines
@@ -34,7 +37,6 @@ from spidar_gym.studies.reality import reality_lines
 from spidar_gym.studies.steps import step_lines
 from spidar_gym.text import format_table
 from spidar_gym.tune.flight import loops, margin_lines
-from spidar_gym.tune.legs import leg_lines
 
 RESULTS = Path("docs") / "results"
 """Folder of the committed results in a clone."""
@@ -79,7 +81,8 @@ def _orders(root: Path) -> Lines:
     order = ranked(board, [CALIBRATED[FLIGHT]])
     variants = [name for name, _ in find_world(WORLD).variants]
     lines = [["preset", "gain margin", "delay margin", *heads[1:3], *(f"{name}: error, failed" for name in variants)]]
-    for preset in sorted((*PRESETS, *FORMER_PRESETS), key=lambda preset: order.index(BASES[preset])):
+    with_rows = [preset for preset in (*PRESETS, *FORMER_PRESETS) if BASES.get(preset) in order]
+    for preset in sorted(with_rows, key=lambda preset: order.index(BASES[preset])):
         name, margins = BASES[preset], loops(controller_config(preset))
         nominal, calibrated = next(line[1:3] for line in places if line[0] == name)
         least = [f"{min(m.gain for m in margins):.2f}", f"{1e3 * min(m.delay for m in margins):.0f} ms"]
@@ -146,6 +149,8 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "gates": lambda result: gate_lines(result["gates"]),
     "ablations": lambda result: ablation_lines(result["ablations"]),
     "steps": lambda result: step_lines(result["steps"]),
+    "drift": lambda result: drift_lines(result["drift"]),
+    "energy": lambda result: energy_lines(result["energy"]),
     "calibrate": lambda result: fit_lines(result["calibrate"]),
     "profiles": lambda result: profile_lines(result["profiles"]),
     "reality": lambda result: reality_lines(result["reality"]),

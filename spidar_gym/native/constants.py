@@ -17,8 +17,9 @@ from spidar_gym.control.crawl import footsteps, gait, pose2
 from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.phases import CYCLE, LIFT, PHASES, STAND
 from spidar_gym.control.estimator import HISTORY
-from spidar_gym.control.flight import centroidal, compensation, observation, path
+from spidar_gym.control.flight import centroidal, compensation, motion, observation, path
 from spidar_gym.control.flight import controller as flight_controller
+from spidar_gym.control.flight.motion import COMMANDS
 from spidar_gym.control.locomotion import commands as locomotion
 from spidar_gym.control.locomotion import manager, orders
 from spidar_gym.model import rotor
@@ -49,7 +50,7 @@ SIZES = {
     "LEGS": N_LEGS, "ROTORS": N_ROTORS, "JOINTS": N_JOINTS, "FORCES": N_FORCES, "UNKNOWNS": N_UNKNOWNS,
     "MAX_N": MAX_N, "MAX_M": MAX_M, "MAX_STEPS": MAX_STEPS, "MAX_OBSERVATION": MAX_OBSERVATION,
     "MAX_ACTION": MAX_ACTION, "HISTORY": HISTORY, "ANGLES": N_ANGLES, "BODIES": N_BODIES, "POSE_FRAMES": POSE_FRAMES,
-    "IMU_SAMPLES": IMU_SAMPLES, "MAX_ENTRIES": MAX_ENTRIES,
+    "IMU_SAMPLES": IMU_SAMPLES, "COMMANDS": COMMANDS, "MAX_ENTRIES": MAX_ENTRIES,
     "NETWORK_BLOCK": NETWORK_BLOCK, "MODE_COSTS": 4, "MODE_ROWS": 6, "PATH_AHEAD": path.AHEAD,
     "MAX_WAYPOINTS": MAX_WAYPOINTS, "MANAGER_KNOTS": MANAGER_KNOTS,
     "COURSE_AHEAD": course_observation.AHEAD,
@@ -64,6 +65,8 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", rotors, ("NARROW",)),
     ("", centroidal, ("MISSED_FORCE", "MISSED_TORQUE")),
     ("", compensation, ("MAX_EXTERNAL_SHARE", "MAX_EXTERNAL_TORQUE")),
+    ("", motion, ("BEND_TIME", "MOMENTUM_TIME", "ROTOR_LAG", "COMMAND_DELAY")),
+    ("", motion, ("RINGING", "RINGING_TIME", "LEAST_SHARE")),
     ("", problem, ("INFINITY",)),
     ("", solver, ("DUAL_TOLERANCE", "RHO", "OTHER_RHO", "ROUNDS", "MORE_ROUNDS", "ROW_TOLERANCE")),
     ("", allocator, ("SIDE_TOLERANCE", "SPHERE_TOLERANCE")),
@@ -83,8 +86,8 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("MANAGER_", manager, ("LEVEL_FROM", "LEVEL_TO", "LEAST_WAY", "ARRIVED", "PATIENCE")),
     ("PATH_", path, ("EASE", "DETOUR", "RUN_AHEAD", "TOGETHER", "LEAST_SECONDS", "FADE", "REST",
                "TURN_RATE", "KNOT_TIME", "PEAK", "DRIFT", "SWING", "SUBSTEPS", "AHEAD_STEP")),
-    ("GAIT_", gait, ("FILTER_TIME", "SLOW_TIME", "AGREE", "NEAR", "STILL", "MAX_DEPTH", "RESPONSE_TIME", "SHORTEN",
-                     "LEAST_LIFT", "TRIAL")),
+    ("GAIT_", gait, ("FILTER_TIME", "SLOW_TIME", "AGREE", "NEAR", "STILL", "SWINGING", "MAX_DEPTH",
+                     "RESPONSE_TIME", "SHORTEN", "LEAST_LIFT", "TRIAL", "MISSED", "MISSED_TURN")),
 )  # fmt: skip
 """Prefix in C, Python module, and names of the numbers in it."""
 

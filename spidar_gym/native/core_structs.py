@@ -7,6 +7,7 @@ import numpy as np
 
 from spidar_gym.control.allocation.problem import N_FORCES, N_UNKNOWNS
 from spidar_gym.control.course.gates import MAX_GATES, TILE_COLUMNS, TILE_ROWS
+from spidar_gym.control.flight.motion import COMMANDS
 from spidar_gym.control.flight.path import AHEAD
 from spidar_gym.native.constants import (
     HISTORY,
@@ -124,6 +125,16 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("observed_momentum", "f8", (6,), "of the robot, world axes"),
         ("delivered_w external_w residual_w fed_w slow_w", "f8", (6,), "wrenches, world axes"),
     )),
+    CStruct("motion_memory", "State of the observer of the whole robot's motion between ticks.", (
+        ("has_sag", "i4", (), "whether a previous tick exists", FLAG),
+        ("sag plan", "f8", (N_JOINTS,), "slow part of the joints' deviation from their plan; that plan [rad]"),
+        ("thrust", "f8", (N_ROTORS,), "according to the model of the rotors [N]"),
+        ("commands", "f8", (COMMANDS, N_ROTORS + 6), "thrusts [N], wrench less the weight, world axes, latest first"),
+        ("momentum_w", "f8", (6,), "linear and angular momentum of the robot, world axes [Ns, Nms]"),
+        ("external_w", "f8", (6,), "wrench, world axes"),
+        ("legs", "f8", (3,), "angular momentum of the planned joint motion, torso axes [Nms]"),
+        ("ringing", "f8", (), "largest rate at which a joint bent, fading [rad/s]"),
+    )),
     CStruct("flight_memory", "State of the flight controller between ticks.", (
         ("position_integral_w attitude_integral", "f8", (3,), "[m s], [rad s]"),
         ("lock", "lock", (), ""),
@@ -134,6 +145,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("unallocated_w unallocated_torque", "f8", (3,), "of the last tick, world [N]; torso axes [Nm]"),
         ("joint_velocity", "f8", (N_JOINTS,), "rate of q^d [rad/s]"),
         ("compensation", "compensation_memory", (), ""),
+        ("motion", "motion_memory", (), ""),
     )),
     CStruct("control_state", "Quantities that the controller computes from a state.", (
         ("R_wb", "f8", (9,), "attitude of the torso"),
@@ -188,7 +200,8 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("expected", "f8", (3,), "filtered pose according to the plan"),
         ("yaw", "f8", (), "filtered yaw of the torso [rad]"),
         ("trim", "f8", (3,), "offset of the torso that the legs add to its plan"),
-        ("rested timeouts", "i4", (), "whether it starts from rest; phases that ended by time-out", (FLAG, COUNT)),
+        ("rested timeouts corrected", "i4", (), "whether it starts from rest; phases ended by time-out; cycles added",
+         (FLAG, COUNT, COUNT)),
         ("planned", "pose2", (), "pose at the end of all commands, world"),
     )),
     CStruct("crawl_memory", "State of the allocation on the ground between ticks.", (

@@ -388,6 +388,23 @@ class Loop:
                 return float(frequency[k])
         return -1.0
 
+    def growth(self, gain: float = 1.0, delay: int = 0, *, rings: bool = False) -> float:
+        """Return the rate at which the fastest growing mode grows [1/s]; 0 if none does.
+
+        Args:
+            gain: As in `transition`.
+            delay: As in `transition`.
+            rings: Whether modes count that ring only.
+        """
+        fastest = np.abs(np.linalg.eigvals(self.transition(gain, delay))).max()
+        if fastest <= 1.0 + TOLERANCE or rings:
+            return max(0.0, math.log(fastest) / self.period) if fastest > 1.0 + TOLERANCE else 0.0
+        growth, frequency, shapes = self.modes(gain, delay)
+        for k in np.flatnonzero(growth > 1.0 + TOLERANCE):
+            if not self._rings(float(frequency[k]), shapes[:, k], gain):
+                return math.log(growth[k]) / self.period
+        return 0.0
+
     def _rings(self, frequency: float, shape: np.ndarray, gain: float) -> bool:
         """Return whether a mode hardly moves the torso when its thrusts or vectoring servos reach their limits."""
         robot, law = self.robot, self.law

@@ -12,12 +12,13 @@ from spidar_gym.control.allocation.allocator import AllocatorConfig
 from spidar_gym.control.allocation.modes import ALLOCATIONS
 from spidar_gym.control.allocation.problem import N_UNKNOWNS, Demand
 from spidar_gym.control.crawl.controller import CrawlerConfig
-from spidar_gym.control.crawl.footsteps import STRIDES, GaitConfig
+from spidar_gym.control.crawl.footsteps import MOST_CORRECTIONS, STRIDES, GaitConfig
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.estimator import EstimatorConfig
 from spidar_gym.control.flight.centroidal import CentroidalConfig, MotionError
 from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig
+from spidar_gym.control.flight.motion import MOTIONS
 from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.model.interference import InterferenceConfig, no_interference
 from spidar_gym.model.rotor import Lock, LockConfig
@@ -31,6 +32,7 @@ T = TypeVar("T")
 WORDS: dict[tuple[str, str], tuple[str, ...]] = {
     ("reference", "mode"): ("flight", "flight_unrestricted"),
     ("controller_config", "allocation"): tuple(ALLOCATIONS),
+    ("controller_config", "motion"): MOTIONS,
     ("gait_config", "stride"): STRIDES,
     ("disturbances", "fault"): FAULTS,
 }
@@ -56,6 +58,7 @@ WHOLE: dict[tuple[str, str], Bounds] = {
     ("measurement", "imu_count"): (0, IMU_SAMPLES),
     ("interference", "side"): (-1, 1),
     ("compensation_config", "observer_order"): (1, 2),
+    ("gait_config", "corrections"): (0, MOST_CORRECTIONS),
     ("allocator_config", "max_iter"): COUNT,
     ("plant_config", "substeps"): COUNT,
     ("disturbances", "lost_rotor"): (0, N_ROTORS),

@@ -8,7 +8,7 @@ from pathlib import Path
 from spidar_gym.files import scratch_folder, whole_file
 from spidar_gym.native.compiler import compile_library, compiler, run_tool
 from spidar_gym.native.recipe import FLAGS
-from spidar_gym.onboard.export import export_files, write_files
+from spidar_gym.onboard.export import EVERY, export_files, write_files
 from spidar_gym.onboard.policy import policy_header
 from spidar_gym.policies.artifact import read_artifact
 from spidar_gym.policies.source import artifact_file
@@ -58,7 +58,7 @@ def build_runner(
         name: Name of the program.
         residual: Artifact of a learned policy to include.
     """
-    files = export_files(golden=False, residual=residual)
+    files = export_files(golden=False, residual=residual, presets=EVERY, fragile=True)
     digest = hashlib.sha256(b"".join(name.encode() + b"\0" + data for name, data in sorted(files.items())))
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "spidar_gym"
     path = cache / f"{name}-{digest.hexdigest()[:16]}"

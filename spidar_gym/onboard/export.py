@@ -3,13 +3,15 @@
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
 import spidar_gym
+from spidar_gym.control.presets import FORMER_PRESETS, PRESETS
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.files import cannot_write, whole_file
+from spidar_gym.margins import require_margins
 from spidar_gym.native.codegen.committed import osqp_files, osqp_version
 from spidar_gym.native.codegen.header import (
     CORE,
@@ -36,8 +38,19 @@ PARTS = {
     "examples": (ONBOARD / "examples", "*.c"),
 }  # fmt: skip
 """Exported folder → folder of hand-written sources, and pattern of the files."""
+EXPORTED = ("paper", "as_flown", "as_flown_quasi", "steady")
+"""Flight presets of an export without a choice: those with the margins that an export requires."""
+FLOWN = EXPORTED[:3]
+"""Those of them that are exported for a custom robot: the paper's."""
+EVERY = (*PRESETS, *FORMER_PRESETS)
+"""All flight presets."""
 PAGES = ("CMakeLists.txt", "package.xml", "README.md")
 """Files at the top of the export."""
+
+
+def exported(robot: RobotSpec = ROBOT) -> tuple[str, ...]:
+    """Return the flight presets of an export without a choice, for a robot."""
+    return EXPORTED if robot == ROBOT else FLOWN
 
 
 def export_files(
@@ -47,6 +60,8 @@ def export_files(
     rate: float = RATE,
     extra: Mapping[str, bytes] | None = None,
     robot: RobotSpec = ROBOT,
+    presets: Sequence[str] | None = None,
+    fragile: bool = False,
 ) -> dict[str, bytes]:
     """Return path → content of the exported folder; reproducible.
 
@@ -56,12 +71,21 @@ def export_files(
         rate: Largest rate of every entry of the policy's action [1/s].
         extra: Additional files of the folder.
         robot: The robot; a learned policy requires the nominal one.
+        presets: Names of the flight presets; those of `exported` if None.
+        fragile: Whether presets are exported whatever their margins are.
 
     Raises:
-        SpidarError: If the artifact cannot be read or exported, or is combined with another robot.
+        UnknownNameError: For a preset that does not exist.
+        SpidarError: If the artifact cannot be read or exported, or is combined with another robot; for a preset whose
+            worst margins over the robots of the calibrated world are below those of `spidar_gym.margins`.
     """
     files: dict[str, bytes] = dict(extra or {})
     artifact, origin = None, None
+    presets = exported(robot) if presets is None else presets
+    if not presets:
+        raise InvalidValueError("presets", list(presets), "at least one flight preset")
+    if not fragile:
+        require_margins(presets, robot)
     if residual is not None and robot != ROBOT:
         raise InvalidValueError("residual", str(residual), "none: it was learned on the nominal robot, not on this one")
     if residual is not None:
@@ -81,7 +105,8 @@ def export_files(
         files[name] = source_bytes(ONBOARD / name)
     generated = {
         "constants": constants_header(), "structs": structs_header(), "modes": modes_header(),
-        "model": model_header(robot), "presets": presets_header(robot), "policy": policy_header(artifact, rate),
+        "model": model_header(robot), "presets": presets_header(presets, robot),
+        "policy": policy_header(artifact, rate),
         "runner": runner_header(robot), "interface": interface_header(interface_hash()),
     }  # fmt: skip
     files |= {f"generated/spidar_{name}.h": text.encode() for name, text in generated.items()}
@@ -96,6 +121,7 @@ def export_files(
             **{name: version(name) for name in ("pin", "numpy")},
         },
         "worlds": {name: find_world(name).digest for name in world_names()},
+        "presets": {"flight": list(presets), "margins": "not checked" if fragile else "held"},
         "residual": origin,
         "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(files.items())},
     }
@@ -105,11 +131,11 @@ def export_files(
 
 def export(
     folder: Path, *, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] | None = None,
-    robot: RobotSpec = ROBOT,
+    robot: RobotSpec = ROBOT, presets: Sequence[str] | None = None, fragile: bool = False,
 ) -> list[str]:  # fmt: skip
     """Write the folder, completely or not at all; returns the names of its files.
 
-    `residual`, `rate`, `extra` and `robot` are as for `export_files`.
+    `residual`, `rate`, `extra`, `robot`, `presets` and `fragile` are as for `export_files`.
 
     Raises:
         SpidarError: If the folder holds other files or cannot be written.
@@ -122,7 +148,7 @@ def export(
     if not free:
         raise SpidarError(f"{folder} holds something else; valid: a new or empty folder, or one exported before")
     with whole_file(folder) as made:
-        files = export_files(residual=residual, rate=rate, extra=extra, robot=robot)
+        files = export_files(residual=residual, rate=rate, extra=extra, robot=robot, presets=presets, fragile=fragile)
         write_files(files, made)
     return sorted(files)
 

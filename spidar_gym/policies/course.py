@@ -1,5 +1,6 @@
 """Policies on a course that choose targets: conversion of observations to a map and of targets to actions."""
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -47,6 +48,8 @@ class Sight:
         way, side, rise, sine, cosine = seen["goal"].tolist()
         y, z = seen["place"].tolist()
         yaw = float(np.arctan2(*seen["heading"]))
+        self.yaw = yaw
+        """Heading of the torso [rad]."""
         gates = [gate for k in range(AHEAD) if (gate := _gate(seen[f"gate{k + 1}"], y)) is not None]
         tiles = (0.0,) * sum(gate.tile_count for gate in gates)
         goal = Pose2(HERE + way, y + side, wrap(float(np.arctan2(sine, cosine)) + yaw))
@@ -84,6 +87,22 @@ def _target(row: np.ndarray, action: np.ndarray, position_w: np.ndarray) -> Targ
     return replace(said, flies=flies > 0.5, x=x, y=y, z=z)
 
 
+DONE, DONE_TURN = 0.02, 0.035
+"""A robot that lies within this of the goal to which it has crawled or on which it has landed has arrived [m], [rad];
+the limits of a success are half as wide again."""
+
+
+def has_arrived(sight: Sight) -> bool:
+    """Whether the robot lies at the goal for which it set out, and only the capture's drift moves it from there."""
+    goal, target = sight.course.goal, sight.target
+    if sight.phase != "lie" or target is None or target.flies:
+        return False
+    x, y, _ = sight.position_w.tolist()
+    off = math.hypot(goal.x - x, goal.y - y)
+    meant = math.hypot(goal.x - target.x, goal.y - target.y)
+    return max(off, meant) < DONE and abs(wrap(goal.yaw - sight.yaw)) < DONE_TURN
+
+
 class CoursePolicy(PresetPolicy):
     """Chooses a target every half second: by the rule, or as a subclass defines."""
 
@@ -99,6 +118,17 @@ class CoursePolicy(PresetPolicy):
     def act_batch(self, observations: np.ndarray) -> np.ndarray:
         """Return the action for each observation."""
         return np.array([self.act(observation) for observation in observations])
+
+
+class Arriving(CoursePolicy):
+    """Stays where it has arrived; a subclass of this and of another course policy chooses like the other one before."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """Return the action of the chosen target, or of the present pose once the robot has arrived."""
+        sight = Sight(observation)
+        x, y, _ = sight.position_w.tolist()
+        target = Target(x=x, y=y, yaw=sight.yaw) if has_arrived(sight) else self.choose(sight)
+        return target.action(sight.course, sight.position_w)
 
 
 def rule_numbers(answer: np.ndarray) -> RuleNumbers:

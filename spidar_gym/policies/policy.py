@@ -27,7 +27,7 @@ NAME, DOC, LINE = 64, 200, 4000
 """Length limits of a name, of a policy's description and of any other line of text, in characters."""
 READABLE = ("allocator", "law")
 """Arguments that are custom code, which only the Python controllers call."""
-ARGUMENTS = ("action_mode", "preset", "controller", *READABLE, "schedule", "avoid_interference", "max_iter")
+ARGUMENTS = ("action_mode", "preset", "gait", "controller", *READABLE, "schedule", "avoid_interference", "max_iter")
 """Arguments of the environment that a policy may set; the others are the track's."""
 
 

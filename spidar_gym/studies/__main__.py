@@ -2,16 +2,17 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import tyro
 
+from spidar_gym import margins as legs
 from spidar_gym import viz
-from spidar_gym.arguments import Flag, FlightPresetArg, JsonArg
-from spidar_gym.benchmark.track import SCENARIOS
+from spidar_gym.arguments import CrawlPresetArg, Flag, FlightPresetArg, JsonArg, choice
+from spidar_gym.benchmark.track import SCENARIOS, SPLITS
 from spidar_gym.console import drawn, progress, published, run_cli, studied
 from spidar_gym.control.presets import controller_config
-from spidar_gym.errors import InvalidValueError, require_least
+from spidar_gym.errors import InvalidValueError, require_above, require_least, require_within
 from spidar_gym.files import output_folder, write_text
 from spidar_gym.paper.calibration import require_world
 from spidar_gym.processes import cpu_count
@@ -20,6 +21,10 @@ from spidar_gym.sim.disturbances import FAULTS, Disturbances
 from spidar_gym.sim.randomize import check_strength
 from spidar_gym.studies import ablations as ablation_study
 from spidar_gym.studies import calibrate as calibration
+from spidar_gym.studies import drift as drifts
+from spidar_gym.studies import energy as energies
+from spidar_gym.studies import flights as flight_study
+from spidar_gym.studies import frontier as frontier_study
 from spidar_gym.studies import gates as gate_study
 from spidar_gym.studies import hops as hop_study
 from spidar_gym.studies import lost as lost_study
@@ -27,7 +32,6 @@ from spidar_gym.studies import margins as margin_study
 from spidar_gym.studies import reality as reality_study
 from spidar_gym.studies import steps as step_study
 from spidar_gym.text import format_table
-from spidar_gym.tune import legs
 
 app = tyro.extras.SubcommandApp()
 
@@ -53,6 +57,7 @@ def hops(
     strength: float = hop_study.STRENGTH,
     wind: float = hop_study.WIND,
     world: str = "",
+    preset: FlightPresetArg = hop_study.PRESET,
     out: Path = Path("out/hops"),
     workers: int = cpu_count(),
     json: JsonArg = False,
@@ -64,6 +69,7 @@ def hops(
         strength: Strength of the randomisation, 0 … 1.
         wind: Mean wind speed for the randomised robots [m/s].
         world: Calibrated world, calibrated_1, whose robots hop as well, each variant of the hardware in a column.
+        preset: Preset of the flight controller.
         out: Folder for hops.json.
         workers: Number of processes.
     """
@@ -73,7 +79,8 @@ def hops(
     studied(
         output_folder(out), "hops", "hop", hop_study.hop_count(robots, world), json=json,
         play=lambda unfinished, on_hop: hop_study.hop_study(
-            robots, strength=strength, wind=wind, world=world, workers=workers, folder=unfinished, on_hop=on_hop
+            robots, strength=strength, wind=wind, world=world, preset=preset, workers=workers, folder=unfinished,
+            on_hop=on_hop,
         ),
         table=lambda rows: format_table(hop_study.hop_lines(rows)),
     )  # fmt: skip
@@ -232,7 +239,8 @@ def reality(
 def margins(
     controllers: tuple[str, ...] = margin_study.CONTROLLERS,
     check: Flag = False,
-    world: str = "calibrated_1",
+    store: Flag = False,
+    world: str = legs.WORLD,
     robots: int = legs.ROBOTS,
     out: Path = Path("out/margins"),
     workers: int = cpu_count(),
@@ -244,6 +252,7 @@ def margins(
         controllers: Presets, or policies module:Class that have a flight controller; one takes about a minute.
         check: Instead, compare the gains at which the linear model has growing modes with those at which the simulated
             robot swings and falls: 72 cases, about 15 minutes on two cores.
+        store: Instead, compute the margins of all presets, and write those that an export reads, in a checkout.
         world: Name or file of a calibrated world.
         robots: Number of its robots, its kinds in turn.
         out: Folder for leg_margins.json, or leg_falls.json.
@@ -251,6 +260,10 @@ def margins(
     """
     require_least(1, robots=robots, workers=workers)
     require_world(world)
+    if store:
+        write_text(legs.MARGINS, legs.margins_text())
+        print(f"{legs.MARGINS} written")
+        return
     folder = output_folder(out)
     if check:
         studied(
@@ -268,6 +281,127 @@ def margins(
         ),
         table=lambda rows: format_table(legs.leg_lines(rows)),
     )  # fmt: skip
+
+
+@app.command
+def frontier(
+    controllers: tuple[str, ...] = frontier_study.CONTROLLERS,
+    scales: tuple[float, ...] = frontier_study.SCALES,
+    out: Path = Path("out/frontier"),
+    workers: int = cpu_count(),
+    json: JsonArg = False,
+) -> None:
+    """Measure errors and worst margins of flight controllers on calibrated robots, slower and faster; resumable.
+
+    Args:
+        controllers: Presets, or policies module:Class that only have gains.
+        scales: Factors on the bandwidth; a controller at one scale takes about a minute of CPU time.
+        out: Folder for frontier.json and frontier.png.
+        workers: Number of processes.
+    """
+    require_least(1, workers=workers)
+    for scale in scales:
+        require_above(scales=scale)
+    folder = output_folder(out)
+    rows = studied(
+        folder, "frontier", "point", len(controllers) * len(scales), json=json,
+        play=lambda unfinished, on_done: frontier_study.frontier_study(
+            controllers, scales, workers=workers, folder=unfinished, on_done=on_done
+        ),
+        table=lambda found: format_table(frontier_study.frontier_lines(found)),
+    )  # fmt: skip
+    drawn("figure", lambda: viz.frontier_figure(rows, folder / "frontier.png"))
+
+
+@app.command
+def flights(
+    controllers: tuple[str, ...] = flight_study.CONTROLLERS,
+    joint_speeds: tuple[float, ...] = flight_study.JOINT_SPEEDS,
+    robots: int = 200,
+    out: Path = Path("out/flights"),
+    workers: int = cpu_count(),
+    json: JsonArg = False,
+) -> None:
+    """Count falls of calibrated robots with flight controllers, and compare errors in the same flights; resumable.
+
+    Args:
+        controllers: Presets, or policies module:Class; the first one is compared with the others.
+        joint_speeds: Joint speeds [rad/s].
+        robots: Number of flights of each controller at each speed; one takes a second of CPU time.
+        out: Folder for flights.json.
+        workers: Number of processes.
+    """
+    require_least(1, robots=robots, workers=workers)
+    for speed in joint_speeds:
+        require_above("rad/s", joint_speeds=speed)
+    chosen, speeds = tuple(dict.fromkeys(controllers)), tuple(dict.fromkeys(joint_speeds))
+    studied(
+        output_folder(out), "flights", "flight", len(chosen) * len(speeds) * robots, json=json,
+        play=lambda unfinished, on_flight: flight_study.flight_study(
+            chosen, speeds, robots, workers=workers, folder=unfinished, on_flight=on_flight
+        ),
+        table=lambda found: format_table(flight_study.flight_lines(found)),
+    )  # fmt: skip
+
+
+@app.command
+def drift(
+    preset: CrawlPresetArg = "robust_retuned",
+    split: Annotated[str, choice(SPLITS)] = "test",
+    scenarios: int = SCENARIOS,
+    out: Path = Path("out/drift"),
+    workers: int = cpu_count(),
+    json: JsonArg = False,
+) -> None:
+    """Compare where crawls of calibrated robots end with where the robot sees itself, and with its legs; resumable.
+
+    Args:
+        preset: Preset of the crawler.
+        split: Scenarios of the calibrated ground track to use.
+        scenarios: Number of scenarios, from the first; one takes about four seconds of CPU time.
+        out: Folder for drift.json.
+        workers: Number of processes.
+    """
+    require_least(1, workers=workers)
+    require_within(1.0, float(SCENARIOS), scenarios=scenarios)
+    studied(
+        output_folder(out), "drift", "crawl", scenarios, json=json,
+        play=lambda unfinished, on_crawl: drifts.drift_study(
+            preset, split, scenarios, workers=workers, folder=unfinished, on_crawl=on_crawl
+        ),
+        table=lambda found: format_table(drifts.drift_lines(found)),
+    )  # fmt: skip
+
+
+@app.command
+def energy(
+    crawlers: tuple[str, ...] = energies.CRAWLERS,
+    preset: FlightPresetArg = energies.FLIGHT,
+    robots: int = 6,
+    out: Path = Path("out/energy"),
+    workers: int = cpu_count(),
+    json: JsonArg = False,
+) -> None:
+    """Measure the energy a metre of flight and crawl, and of take-off and landing; resumable.
+
+    Args:
+        crawlers: Presets on the ground, each at three joint speeds.
+        preset: Preset in the air, along a path at four speeds.
+        robots: Number of robots, randomised at strength 0.3, of each; 6 take about two minutes of CPU time.
+        out: Folder for energy.json and energy.png.
+        workers: Number of processes.
+    """
+    require_least(1, robots=robots, workers=workers)
+    chosen = tuple(dict.fromkeys(crawlers))
+    folder = output_folder(out)
+    rows = studied(
+        folder, "energy", "run", len(energies.runs(chosen, preset, robots)) * robots, json=json,
+        play=lambda unfinished, on_run: energies.energy_study(
+            chosen, preset, robots, workers=workers, folder=unfinished, on_run=on_run
+        ),
+        table=lambda found: format_table(energies.energy_lines(found)),
+    )  # fmt: skip
+    drawn("figure", lambda: viz.energy_figure(rows, folder / "energy.png"))
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -32,14 +32,19 @@ JOINT_SPEED = 0.6
 """Joint speed of the legs [rad/s]."""
 HOP = (TakeOff(1.0), Land())
 """Commands of a hop: from the floor to a hover at 1 m and back."""
-CONFIG = ManagerConfig(flight=replace(controller_config("tuned"), joint_speed=JOINT_SPEED))
-"""Configuration of the locomotion manager."""
+PRESET = "steady"
+"""Default preset of the flight controller."""
 NEAR_FLOOR = ("spool", "descend", "unload")
 """Phases in which the robot's weight changes between floor and rotors."""
 SETTLING = 40
 """Ticks on the floor before the first command."""
 LONGEST = 100.0
 """Largest time to wait for a phase [s]."""
+
+
+def manager_config(preset: str = PRESET) -> ManagerConfig:
+    """Return the configuration of a manager with a preset of the flight controller (`UnknownNameError`)."""
+    return ManagerConfig(flight=replace(controller_config(preset), joint_speed=JOINT_SPEED))
 
 
 @dataclass
@@ -116,7 +121,7 @@ class Trip:
         ground = ground or config.ground
         config = replace(config, ground=ground, sense=sense)
         self.plant, self.estimator, self.ground = Plant(config), Estimator(), ground
-        self.manager = manager or Manager(CONFIG)
+        self.manager = manager or Manager(manager_config())
         gait = self.manager.config.crawl.gait
         q = lying_pose(gait)
         below = ground.height(np.vstack((gait.home_b, 0.12 * np.eye(3), -0.12 * np.eye(3)))).max()
@@ -223,6 +228,8 @@ class Hop:
     """Mean wind [m/s]."""
     world: str = ""
     """Calibrated world with the kind of the robot, in place of the strength."""
+    preset: str = PRESET
+    """Preset of the flight controller."""
 
 
 def fly_hop(hop: Hop) -> dict[str, Any]:
@@ -232,8 +239,9 @@ def fly_hop(hop: Hop) -> dict[str, Any]:
     """
     strength = Randomization.parse(hop.world) if hop.world else hop.strength
     how: dict[str, Any] = dict(strength=strength, wind=hop.wind, sense=True)
-    seen = Trip(hop.seed, manager=CoreManager(CONFIG), **how).fly(HOP)
-    hover = Trip(hop.seed, manager=CoreManager(CONFIG), **how)
+    config = manager_config(hop.preset)
+    seen = Trip(hop.seed, manager=CoreManager(config), **how).fly(HOP)
+    hover = Trip(hop.seed, manager=CoreManager(config), **how)
     hover.manager.reset(hover.seen, HOP[:1])
     hover.until("hover", round(CONTROL_RATE * HOVERED))
     hovered = hover.seen_so_far.steps("hover")[0]
@@ -250,8 +258,8 @@ def fly_hop(hop: Hop) -> dict[str, Any]:
 
 
 def hop_study(
-    robots: int = 100, *, strength: float = STRENGTH, wind: float = WIND, world: str = "", workers: int = 1,
-    folder: Path | None = None, on_hop: Callable[[], object] = lambda: None,
+    robots: int = 100, *, strength: float = STRENGTH, wind: float = WIND, world: str = "", preset: str = PRESET,
+    workers: int = 1, folder: Path | None = None, on_hop: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Simulate hops of nominal robots with noise, of randomised robots in wind, and of calibrated robots.
 
@@ -262,6 +270,7 @@ def hop_study(
         strength: Strength of the randomisation.
         wind: Mean wind speed for the randomised robots [m/s].
         world: Name of a calibrated world, none if empty; its mixtures hop in turn, each variant in a row.
+        preset: Preset of the flight controller.
         workers: Number of processes.
         folder: Folder for finished hops.
         on_hop: Called after each hop, for progress bars.
@@ -273,15 +282,26 @@ def hop_study(
         InvalidValueError: For a strength outside 0 … 1.
     """
     check_strength(strength)
+    controller_config(preset)  # raises for an unknown name
     kinds: list[dict[str, Any]] = [{}, {"strength": strength, "wind": wind}]
-    hops = [Hop(seed, **kind) for kind in kinds for seed in range(robots)]
+    hops = [Hop(seed, **kind, preset=preset) for kind in kinds for seed in range(robots)]
     for variant in _variants(world):
         mixtures = [name for name, _ in require_world(world).mixtures]
         kinds.append({"world": f"{world}, {variant}"})
-        hops += [Hop(seed, world=f"{world}:{mixtures[seed % len(mixtures)]}-{variant}") for seed in range(robots)]
+        hops += [
+            Hop(seed, world=f"{world}:{mixtures[seed % len(mixtures)]}-{variant}", preset=preset)
+            for seed in range(robots)
+        ]
     found = finish(fly_hop, hops, workers=workers, folder=folder, on_done=lambda *_: on_hop())
     return [
-        {"robots": robots, "strength": 0.0, "wind": 0.0, **kind, **_row(found[k * robots : (k + 1) * robots], kind)}
+        {
+            "preset": preset,
+            "robots": robots,
+            "strength": 0.0,
+            "wind": 0.0,
+            **kind,
+            **_row(found[k * robots : (k + 1) * robots], kind),
+        }
         for k, kind in enumerate(kinds)
     ]
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.errors import SpidarError
+from spidar_gym.margins import law_of, leg_margins, robots_of, with_damping
 from spidar_gym.native.linear import Loop, linear_law, linear_robot, modelled, settle
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, N_ROTORS
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.so3 import quat_to_matrix
-from spidar_gym.tune.legs import law_of, leg_margins, robots_of, with_damping
 
 CONTROLLERS = (
     "as_flown", "paper", "tuned_v1", "tuned", "retuned", "baselines.adrc:Adrc", "baselines.indi:Indi",

@@ -3,10 +3,11 @@
 import hashlib
 import importlib.util
 import json
+import math
 import shutil
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,14 +17,15 @@ import numpy as np
 from spidar_gym.benchmark.evaluate import play
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
-from spidar_gym.benchmark.track import CAP, TRACKS
+from spidar_gym.benchmark.track import CALIBRATED, CAP, FLIGHT, GROUND, REST_S, TRACKS, WORLD
 from spidar_gym.border import BorderError, parse_json, read_file, require_form
 from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.flight.controller import CONTROL_RATE, ControllerConfig
 from spidar_gym.control.flight.margins import Margins
-from spidar_gym.control.presets import TUNED_V1
+from spidar_gym.control.presets import STEADY_CRAWL, TUNED_V1
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_least, require_name
 from spidar_gym.files import json_text, write_text
+from spidar_gym.margins import flight_law, legs_shortfall
 from spidar_gym.policies.presets import OwnController
 from spidar_gym.policies.source import load_module, module_of
 from spidar_gym.tune import crawl, flight
@@ -77,15 +79,28 @@ class Search:
     instead of CMA-ES on new scenarios in each."""
     settle: Callable[[dict[str, float]], dict[str, float]] = dict
     """Parameters → these and those derived from them, which are passed to `arguments` and `loops`."""
+    legs: str = ""
+    """Calibrated world over whose robots the margins with legs that bend are held; none if empty."""
+    options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Further tracks of the search: name → options that replace those of the group's only track."""
+    durations: Mapping[str, float] = field(default_factory=dict)
+    """Longest durations of successful episodes on some tracks [s]; the share of time beyond adds to the error."""
+    also: tuple[str, ...] = ()
+    """Tracks of other groups on which candidates are evaluated too."""
 
     @property
     def tracks(self) -> tuple[str, ...]:
         """Tracks on which candidates are evaluated."""
-        return tuple(name for name, track in TRACKS.items() if track.group == self.group)
+        return (*(name for name, track in TRACKS.items() if track.group == self.group), *self.also, *self.options)
+
+    def track(self, name: str) -> str:
+        """Return the track of the benchmark of one of `tracks`."""
+        return self.tracks[0] if name in self.options else name
 
     def shortfall(self, values: dict[str, float]) -> float:
         """Return the shortfall of the margins."""
-        return 0.0 if self.loops is None else flight.shortfall(self.loops(values))
+        rigid = 0.0 if self.loops is None else flight.shortfall(self.loops(values))
+        return rigid + (legs_shortfall(flight_law(self.arguments(values)), self.legs) if self.legs else 0.0)
 
 
 def flight_search(
@@ -116,9 +131,32 @@ def flight_search(
     )  # fmt: skip
 
 
+def steady_search(
+    name: str, start: ControllerConfig, *, names: Sequence[str] = flight.STEADY_NAMES, **fixed: Any,  # noqa: ANN401 - as above
+) -> Search:  # fmt: skip
+    """Define a pattern search for a flight controller's numbers on robots of the calibrated world.
+
+    The margins that are held know legs that bend, over the same robots. The cost includes two nominal tracks, with the
+    largest differences between controllers.
+
+    Args:
+        name: Name of its log.
+        start: As in `flight_search`.
+        names: As in `flight_search`.
+        **fixed: Further arguments of `gym.make`.
+    """
+    configuration = partial(flight.configuration, start=start)
+    return Search(
+        name, CALIBRATED[FLIGHT], "tuned_v1", flight.parameters(start, names),
+        lambda values: {"controller": configuration(values), **fixed}, by_pattern=True, legs=WORLD,
+        also=flight.NOMINAL_TRACKS,
+    )  # fmt: skip
+
+
 def ground_search(
     name: str, start: CrawlerConfig, *, reference: str = "robust_overlapped", by_pattern: bool = False,
-    **wider: tuple[float, float],
+    group: str = "ground", options: Mapping[str, Mapping[str, Any]] | None = None,
+    durations: Mapping[str, float] | None = None, **wider: tuple[float, float],
 ) -> Search:  # fmt: skip
     """Define a search for a crawler's numbers.
 
@@ -127,21 +165,35 @@ def ground_search(
         start: Start of the search, and the values of all numbers that are not tuned.
         reference: Preset that is evaluated beside every generation.
         by_pattern: As in `Search`.
+        group: As in `Search`.
+        options: As in `Search`.
+        durations: As in `Search`.
         **wider: Bounds that replace the default ones.
     """
     configuration = partial(crawl.configuration, start=start)
     return Search(
-        name, "ground", reference, crawl.parameters(start, **wider),
+        name, group, reference, crawl.parameters(start, **wider),
         lambda values: {"controller": configuration(values)}, unsuccessful=crawl.UNSUCCESSFUL,
-        by_pattern=by_pattern,
+        by_pattern=by_pattern, options=options or {}, durations=durations or {},
     )  # fmt: skip
 
 
 SEARCHES: dict[str, Search] = {
     "flight": flight_search("flight", TUNED_V1, reference=flight.REFERENCE),
     "retuned": flight_search("retuned", flight.RETUNED_START, names=flight.RETUNED_NAMES, by_pattern=True),
+    "steady": steady_search("steady", flight.STEADY_START),
     "crawl": ground_search("crawl", crawl.START, reference=crawl.REFERENCE),
     "recrawl": ground_search("recrawl", crawl.RESTART, by_pattern=True, torque_limit=(3.0, 7.0)),
+    "steady_crawl": ground_search(
+        "steady_crawl",
+        STEADY_CRAWL,
+        reference="robust_retuned",
+        by_pattern=True,
+        group=CALIBRATED[GROUND],
+        options={"the paper's way at 0.8 rad/s": crawl.FAST_WAY},
+        durations={"the paper's way at 0.8 rad/s": crawl.FAST_TIME},
+        torque_limit=(3.0, 7.0),
+    ),
 }
 """Built-in searches by name; a custom one is given as `module:NAME`."""
 
@@ -176,14 +228,19 @@ class Candidate:
     values: Mapping[str, float] | None
     """The controller's parameters; None for the reference preset."""
     track: str
-    """Name of the track."""
-    scenarios: tuple[Scenario, ...]
+    """Name of the track; empty for the margins."""
+    scenarios: tuple[Scenario, ...] = ()
     """Scenarios to run."""
 
 
 def play_candidate(candidate: Candidate) -> dict[str, Any]:
-    """Run a candidate; return the `errors` of its scenarios, with `unsuccessful` added, and the simulated `ticks`."""
+    """Run a candidate; return the `errors` of its scenarios, with `unsuccessful` added, and the simulated `ticks`.
+
+    Without a track, return the `shortfall` of its margins.
+    """
     search = find_search(candidate.search)
+    if not candidate.track:
+        return {"shortfall": _shortfall(search, None if candidate.values is None else dict(candidate.values))}
     if candidate.values is None:
         arguments: dict[str, Any] = {"preset": search.reference}
     else:
@@ -191,21 +248,28 @@ def play_candidate(candidate: Candidate) -> dict[str, Any]:
             arguments = search.arguments(dict(candidate.values))
         except InvalidValueError:
             return {"errors": [CAP] * len(candidate.scenarios), "ticks": 0}
-    played = play(OwnController(arguments), candidate.track, candidate.scenarios)
-    seconds = sum(one["metrics"]["duration_s"] or 0.0 for one in played)  # None where the simulation diverged
-    errors = [one["metrics"]["error"] + search.unsuccessful * (not one["metrics"]["success"]) for one in played]
-    return {"errors": errors, "ticks": round(seconds * CONTROL_RATE)}
+    played = play(OwnController(arguments), search.track(candidate.track), candidate.scenarios)
+    seconds = [one["metrics"]["duration_s"] or 0.0 for one in played]  # None where the simulation diverged
+    wanted = search.durations.get(candidate.track, math.inf)
+    late = [max(0.0, (own - REST_S) / wanted - 1.0) for own in seconds]
+    errors = [
+        one["metrics"]["error"] + share + search.unsuccessful * (share > 0.0 or not one["metrics"]["success"])
+        for one, share in zip(played, late, strict=True)
+    ]
+    return {"errors": errors, "ticks": round(sum(seconds) * CONTROL_RATE)}
 
 
 def draw_scenarios(name: str, generation: int, seed: int, count: int) -> dict[str, tuple[Scenario, ...]]:
     """Sample the scenarios of a generation, which all its candidates share; return track → scenarios."""
-    found = {}
-    for track in find_search(name).tracks:
+    found, search = {}, find_search(name)
+    for track in search.tracks:
         rngs = (
             np.random.Generator(np.random.PCG64([zlib.crc32(track.encode()), DRAWS, seed, generation, k]))
             for k in range(count)
         )
-        found[track] = tuple(draw_scenario_from(TRACKS[track], rng, k) for k, rng in enumerate(rngs))
+        drawn = (draw_scenario_from(TRACKS[search.track(track)], rng, k) for k, rng in enumerate(rngs))
+        more = search.options.get(track, {})
+        found[track] = tuple(replace(one, options={**one.options, **more}) for one in drawn)
     return found
 
 
@@ -241,13 +305,13 @@ def candidates(name: str, population: int | None) -> int:
 
 
 def pieces(name: str, population: int, generation: int = 0) -> int:
-    """Return the number of jobs of a generation: candidates, the mean and the reference, on every track.
+    """Return the number of jobs of a generation: candidates, the mean and the reference, on every track, and margins.
 
     A pattern search evaluates the mean and the reference in its first generation only.
     """
     search = find_search(name)
     known = 2 if search.by_pattern and generation > 0 else 0
-    return (population + 2 - known) * len(search.tracks)
+    return (population + 2 - known) * (len(search.tracks) + 1)
 
 
 def tune(
@@ -299,20 +363,33 @@ def tune(
         values += [] if knows else [search.settle(decode(search.parameters, mean)), None]
         drawn = draw_scenarios(name, 0 if search.by_pattern else generation, seed, scenarios)
         jobs = [Candidate(name, own, track, drawn[track]) for own in values for track in drawn]
-        played = finish(play_candidate, jobs, workers=workers, folder=unfinished, on_done=lambda *_: on_piece())
+        jobs += [Candidate(name, own, "") for own in values]
+        found = finish(play_candidate, jobs, workers=workers, folder=unfinished, on_done=lambda *_: on_piece())
+        played, margins = found[: -len(values)], [one["shortfall"] for one in found[-len(values) :]]
         means = np.array([np.mean(one["errors"]) for one in played]).reshape(len(values), len(drawn))
         errors = [dict(zip(drawn, row.tolist(), strict=True)) for row in means]
-        costs = [cost(own, _shortfall(search, one)) for own, one in zip(errors, values, strict=True)]
+        costs = [cost(own, lack) for own, lack in zip(errors, margins, strict=True)]
         if knows:
             errors.append(lines[-1]["errors"])
             costs += [lines[-1]["cost"], lines[-1]["reference"]]
         evolution.tell(points, costs[:-1])
         ticks, told = sum(one["ticks"] for one in played), errors[_answer(search, costs)]
-        lines.append(_line(name, generation, costs, told, ticks, mean, evolution))
+        kept = _told(search, mean, evolution)
+        lack = next((lack for own, lack in zip(values, margins, strict=True) if own == kept), None)
+        if lack is None:  # a pattern search's point of an earlier generation
+            lack = lines[-1]["shortfall"] if search.legs else _shortfall(search, kept)
+        lines.append(_line(name, generation, costs, told, ticks, evolution, lack))
         write_text(path, log_text(settings, lines))
         shutil.rmtree(unfinished, ignore_errors=True)
         on_generation({name: lines[-1][name] for name in ("generation", "cost", "reference", "best", "sigma")})
     return lines[-1]
+
+
+def _told(search: Search, mean: np.ndarray, evolution: Evolution) -> dict[str, float]:
+    """Return the parameters whose errors are in a line of the log, after the search's update."""
+    if search.by_pattern:
+        return search.settle(decode(search.parameters, evolution.mean))
+    return decode(search.parameters, mean)
 
 
 def _answer(search: Search, costs: Sequence[float]) -> int:
@@ -340,20 +417,19 @@ def _evolution(search: Search, population: int, seed: int) -> Evolution:
 
 
 def _line(
-    name: str, generation: int, costs: list[float], errors: dict[str, float], ticks: int, mean: np.ndarray,
-    evolution: Evolution,
+    name: str, generation: int, costs: list[float], errors: dict[str, float], ticks: int, evolution: Evolution,
+    shortfall: float,
 ) -> dict[str, Any]:  # fmt: skip
     """Build the log's line of a generation from its costs (mean and reference last), after the search's update."""
     search, answer = find_search(name), _answer(find_search(name), costs)
     settled = search.settle(decode(search.parameters, evolution.mean))
-    played = settled if search.by_pattern else decode(search.parameters, mean)
     return {
         "generation": generation,
         "cost": costs[answer],
         "reference": costs[-1],
         "best": min(costs[:-2]),
         "sigma": float(evolution.sigma),
-        "shortfall": _shortfall(search, played),
+        "shortfall": shortfall,
         "ticks": ticks,
         "parameters": {key: float(f"{value:.4g}") for key, value in settled.items()},
         "costs": costs,
@@ -387,13 +463,15 @@ def read_log(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _replay(name: str, evolution: Evolution, lines: list[dict[str, Any]], path: Path) -> None:
     """Replay the log's costs to restore a search's state (`SpidarError` where the states differ)."""
+    search = find_search(name)
     for generation, line in enumerate(lines):
         points, mean = evolution.ask(), evolution.mean.copy()
         fits = len(line["costs"]) == len(points) + 2
         if fits:
             evolution.tell(points, line["costs"][:-1])
-        of = partial(_line, name, generation, line["costs"], line["errors"], line["ticks"], mean)
-        if not fits or line != of(evolution):
+        # Margins with legs take seconds, so they are not computed again.
+        lack = line["shortfall"] if search.legs else _shortfall(search, _told(search, mean, evolution))
+        if not fits or line != _line(name, generation, line["costs"], line["errors"], line["ticks"], evolution, lack):
             raise SpidarError(
                 f"{path}: with the log's costs, the search does not reproduce generation {generation} of the log; "
                 "valid: the versions of cma and numpy that wrote it, or another folder"

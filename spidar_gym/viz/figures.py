@@ -11,6 +11,7 @@ import numpy as np
 
 from spidar_gym.benchmark.leaderboard import Board, ranking
 from spidar_gym.benchmark.track import TRACKS
+from spidar_gym.margins import LEAST_GAIN
 from spidar_gym.paper.crawl import LEGS_UP, TORSO_PHASES, CrawlLog
 from spidar_gym.paper.flight import FORM_CHANGE, PAPER_FLIGHT, UNRESTRICTED, FlightLog
 from spidar_gym.policies.policy import KINDS
@@ -209,6 +210,70 @@ def step_figure(rows: list[dict[str, Any]], path: Path) -> None:
         for name, (color, mark, stroke, filled) in zip(names, looks, strict=True)
     ]
     figure.legend(handles=handles, loc="outside upper center", ncols=3, columnspacing=1.2, handletextpad=0.5)
+    save(figure, path)
+
+
+def energy_figure(rows: list[dict[str, Any]], path: Path) -> None:
+    """Draw the energy of a way over its length: crawls, and flights with take-off and landing.
+
+    Args:
+        rows: Rows of `spidar_gym.studies.energy`, of which at least one is a hop.
+        path: File, PNG, PDF or SVG.
+    """
+    plt = pyplot()
+    figure, axis = plt.subplots(figsize=(7.2, 4.2))
+    hop = next(row["energy_wh"]["median"] for row in rows if row["gait"] == "hop")
+    length = np.array([0.0, 10.0])
+    names = list(dict.fromkeys(row["preset"] for row in rows if row["wh_per_m"]))
+    for row in rows:
+        if row["wh_per_m"] is None:
+            continue
+        color, _ = LOOKS[names.index(row["preset"]) % len(LOOKS)]
+        flies = row["gait"] == "fly"
+        own = [other["speed"] for other in rows if (other["preset"], other["gait"]) == (row["preset"], row["gait"])]
+        stroke = STROKES[own.index(row["speed"]) % len(STROKES)]
+        label = f"{row['preset']}, {row['speed']:g} {'m/s' if flies else 'rad/s'}"
+        start = hop if flies else 0.0
+        axis.plot(length, start + row["wh_per_m"]["median"] * length, stroke, color=color, lw=1.2, label=label)
+    axis.set_xlabel("length of the way [m]")
+    axis.set_ylabel("energy [Wh]")
+    axis.set_xlim(0.0, 10.0)
+    axis.set_ylim(0.0, 45.0)
+    figure.legend(loc="outside right upper", handletextpad=0.5)
+    save(figure, path)
+
+
+def frontier_figure(rows: list[dict[str, Any]], path: Path) -> None:
+    """Draw errors of flight controllers over their worst gain margins; no robot of a filled point has fallen.
+
+    Args:
+        rows: Rows of `spidar_gym.studies.frontier`.
+        path: File, PNG, PDF or SVG.
+    """
+    plt = pyplot()
+    figure, axis = plt.subplots(figsize=(7.2, 4.6))
+    names = list(dict.fromkeys(row["controller"] for row in rows))
+    lines, labels = [], []
+    for k, name in enumerate(names):
+        own = sorted((row for row in rows if row["controller"] == name), key=lambda row: row["scale"])
+        color, marker = LOOKS[k % len(LOOKS)]
+        gains, errors = ([row[key] for row in own] for key in ("gain", "error"))
+        (line,) = axis.plot(gains, errors, STROKES[k // len(LOOKS)], color=color, lw=1.0)
+        for row in own:
+            face = "none" if row["failed"] else color
+            axis.plot(row["gain"], row["error"], marker, color=color, markerfacecolor=face, ms=5)
+        lines.append(line)
+        labels.append(name.rpartition(":")[2].lower())
+    axis.set_xlabel("worst gain margin over calibrated robots and forms")
+    axis.set_ylabel("error on calibrated tracks")
+    axis.set_yscale("log")
+    axis.set_yticks([0.2, 0.3, 0.5, 1.0, 2.0, 5.0], ["0.2", "0.3", "0.5", "1", "2", "5"])
+    axis.minorticks_off()
+    axis.margins(x=0.05)
+    axis.axvline(LEAST_GAIN, color=GREY, lw=0.8)
+    axis.annotate("export", (LEAST_GAIN, 1.0), (3, -3), xycoords=("data", "axes fraction"), textcoords="offset points",
+                  va="top", color=GREY, fontsize=8)  # fmt: skip
+    figure.legend(lines, labels, loc="outside right upper", handletextpad=0.5)
     save(figure, path)
 
 

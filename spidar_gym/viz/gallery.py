@@ -25,7 +25,14 @@ from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.stage import Stage, cog, extent, standing
 from spidar_gym.tasks.course import DECIDE
 from spidar_gym.viz.courses import gate_figure, way_figure, way_of
-from spidar_gym.viz.figures import ablation_figure, crawl_figure, flight_figure, speed_figure, step_figure
+from spidar_gym.viz.figures import (
+    ablation_figure,
+    crawl_figure,
+    energy_figure,
+    flight_figure,
+    speed_figure,
+    step_figure,
+)
 from spidar_gym.viz.film import Take, crawl_take, flight_take
 from spidar_gym.viz.reel import Cut, write_reel
 from spidar_gym.viz.stills import Shot, crawl_strip, forms_picture, strip, write_strip
@@ -63,6 +70,7 @@ def gallery() -> dict[str, Callable[[Path], object]]:
         "gates": lambda path: gate_figure(_rows(path, "gates"), path),
         "ablations": lambda path: ablation_figure(_rows(path, "ablations"), path),
         "steps": lambda path: step_figure(_rows(path, "steps"), path),
+        "energy": lambda path: energy_figure(_rows(path, "energy"), path),
         "course": course_way,
     }
     drawings |= {f"environment-{name.split('/')[1]}": partial(cameras, name) for name in ENVIRONMENTS}

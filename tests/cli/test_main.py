@@ -187,7 +187,7 @@ def test_the_error_of_another_broken_pipe_is_raised(monkeypatch):
             (["tune", "flight", f"--{name}", "0"], "at least 1") for name in ("generations", "scenarios", "workers")
         ),
         (["tune", "crawl", "--population", "1", "--generations", "1"], "at least 2"),
-        (["tune", "swim"], "flight, retuned, crawl, recrawl"),
+        (["tune", "swim"], "flight, retuned, steady, crawl, recrawl, steady_crawl"),
         (["paper", "flight", "--camera", "back"], "fixed, chase, side, front, top"),
         (["run", "spidar_gym/Walk-v0"], "spidar_gym/Hover-v0"),
         (["run", "--forms", "form4"], ", ".join(SEQUENCES)),

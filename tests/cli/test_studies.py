@@ -74,7 +74,8 @@ def test_tune_searches_writes_its_state_and_resumes(monkeypatch, here, capfd):
         for k, _ in enumerate(jobs):
             on_done(k, None)
         rise = [sum((job.values or {"none": 1.0}).values()) for job in jobs]
-        return [{"errors": [0.1 + 1e-5 * own], "ticks": 3} for own in rise]
+        found = [{"errors": [0.1 + 1e-5 * own], "ticks": 3} for own in rise]
+        return [each if job.track else {"shortfall": 0.0} for job, each in zip(jobs, found, strict=True)]
 
     monkeypatch.setattr(search, "finish", finish)
     monkeypatch.setattr(search, "draw_scenarios", lambda *_: {"flight-wind": (), "flight-fast5": ()})
@@ -82,10 +83,10 @@ def test_tune_searches_writes_its_state_and_resumes(monkeypatch, here, capfd):
     main([*arguments, "--generations", "1"])
     out = capfd.readouterr().out
     assert "errors of tuned_v1 over those of the result" in out
-    # Four candidates, the mean of the distribution and the reference, on two tracks each.
-    assert len(played) == 6 * 2
+    # Four candidates, the mean of the distribution and the reference, on two tracks each, and their margins.
+    assert len(played) == 6 * 3
     main([*arguments, "--generations", "2"])
-    assert len(played) == 2 * 6 * 2
+    assert len(played) == 2 * 6 * 3
     out = capfd.readouterr().out
     assert "after 2 generations" in out
     assert "gain margin" in out

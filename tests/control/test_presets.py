@@ -32,8 +32,8 @@ def test_the_paper_flies_the_default_gains_without_compensation():
     assert controller_config("paper").centroidal == CentroidalConfig()
     assert controller_config("as_flown") == ControllerConfig(allocation="as_flown")
     assert controller_config("as_flown").compensation == CompensationConfig()
-    assert controller_config("as_flown_quasi") == replace(controller_config("as_flown"), quasi_static=True)
-    assert [name for name, config in PRESETS.items() if config.quasi_static] == ["as_flown_quasi"]
+    assert controller_config("as_flown_quasi") == replace(controller_config("as_flown"), motion="quasi_static")
+    assert [name for name, config in PRESETS.items() if config.motion == "quasi_static"] == ["as_flown_quasi"]
 
 
 def test_tuned_changes_gains_and_compensation_and_nothing_else_of_the_paper():
@@ -45,8 +45,8 @@ def test_tuned_changes_gains_and_compensation_and_nothing_else_of_the_paper():
         assert np.min(gains) > 0.0
 
 
-@pytest.mark.parametrize("preset", [*PRESETS, *FORMER_PRESETS])
-def test_every_preset_keeps_the_margins_of_gain_delay_and_sensitivity(preset):
+@pytest.mark.parametrize("preset", [name for name in (*PRESETS, *FORMER_PRESETS) if name != "steady"])
+def test_every_preset_of_a_rigid_robot_keeps_the_margins_of_gain_delay_and_sensitivity(preset):
     assert shortfall(loops(controller_config(preset))) == 0.0
 
 

@@ -18,7 +18,8 @@ import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.control.allocation.allocator import AllocationStatus, Allocator, AllocatorConfig
 from spidar_gym.control.allocation.modes import ALLOCATIONS
 from spidar_gym.control.estimator import Estimator, EstimatorConfig
-from spidar_gym.control.presets import RETUNED
+from spidar_gym.control.flight.controller import ControllerConfig
+from spidar_gym.control.presets import RETUNED, TUNED, crawler_config
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, StaleAssetError, UnknownNameError
 from spidar_gym.model.dynamics import Model, Snapshot
 from spidar_gym.native.compiler import compiler
@@ -126,21 +127,43 @@ FLIGHTS = {
     "as flown, stacked": {"preset": "as_flown", "forms": "narrow"},
     "quasi-static": {"preset": "as_flown_quasi", "forms": "independent", "joint_speed": 1.0},
     "quasi-static, sensors": {"preset": "as_flown_quasi", "forms": "paper", "sensors": True, "randomization": 1.0},
-    "quasi-static, every compensation": {"controller": replace(ALL, quasi_static=True), "forms": "independent"},
+    "quasi-static, every compensation": {"controller": replace(ALL, motion="quasi_static"), "forms": "independent"},
     "tuned, fast": {"preset": "tuned", "forms": "independent", "joint_speed": 1.0},
     "every compensation": {"controller": ALL, "forms": "independent", "joint_speed": 1.0},
     "unrestricted": {"preset": "paper", "forms": "form3", "avoid_interference": False},
     "retuned, fast": {"preset": "retuned", "forms": "independent", "joint_speed": 1.0},
     "retuned, a random robot": {"preset": "retuned", "forms": "independent", "sensors": True, "randomization": 1.0},
     "a random robot": {"preset": "tuned", "forms": "independent", "sensors": True, "randomization": 1.0},
+    "observed motion": {"controller": replace(TUNED, motion="observed"), "forms": "independent", "joint_speed": 1.0},
+    "observed motion, a random robot": {
+        "controller": replace(ControllerConfig(), motion="observed"),
+        "forms": "independent",
+        "sensors": True,
+        "randomization": 1.0,
+    },
     "a lost rotor": {"forms": "form3", "disturbances": {"lost_rotor": 2, "fault_time": 0.5}},
     "a stuck rotor": {"forms": "form2", "disturbances": {"lost_rotor": 3, "fault": "vectoring", "fault_time": 0.5}},
 }
+
+
+def corrected(count):
+    """Return a crawler that corrects what it has missed."""
+    config = crawler_config("robust_retuned")
+    return replace(config, gait=replace(config.gait, corrections=count))
+
+
 QUASI = {"forms": "independent", "joint_speed": 1.0, "preset": "as_flown_quasi"}
 CRAWLS = {
     "published": {"preset": "published"},
     "overlapped": {"preset": "overlapped", "turn": 0.3},
     "robust, random": {"preset": "robust", "sensors": True, "randomization": 0.5},
+    "corrections, fast": {
+        "controller": corrected(2),
+        "sensors": True,
+        "randomization": "calibrated_1",
+        "distance": 0.3,
+        "joint_speed": 0.8,
+    },
 }
 
 
@@ -199,7 +222,9 @@ def test_a_quasi_static_controller_acts_on_other_errors_than_those_that_are_obse
 
 def test_the_flag_fills_padding_so_that_logs_and_missions_keep_their_layout():
     fields = core_layouts()["controller_config"].fields
-    assert [fields[name][1] for name in ("allocation", "quasi_static", "joint_speed")] == [0, 4, 8]
+    assert [fields[name][1] for name in ("allocation", "motion", "joint_speed")] == [0, 4, 8]
+    fields = core_layouts()["gait_config"].fields
+    assert [fields[name][1] for name in ("stride", "corrections", "max_distance")] == [16, 20, 24]
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from spidar_gym.cli.tables import RESULTS, read_result
 from spidar_gym.control.estimator import Estimator
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import SpidarError
+from spidar_gym.margins import law_of, leg_margins, robots_of, with_damping
 from spidar_gym.native.linear import (
     MEASURED,
     FlightController,
@@ -27,7 +28,6 @@ from spidar_gym.sim.config import PlantConfig
 from spidar_gym.so3 import log, quat_to_matrix
 from spidar_gym.state import Measurement, RobotState
 from spidar_gym.studies.margins import Case, cases, compare, summary
-from spidar_gym.tune.legs import law_of, leg_margins, robots_of, with_damping
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -10,7 +10,8 @@ from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.constants import MAX_WAYPOINTS
 from spidar_gym.native.core_manager import CoreManager
 from spidar_gym.robot import FORMS
-from spidar_gym.studies.hops import CONFIG, HOP, Trip
+from spidar_gym.sim.randomize import Randomization
+from spidar_gym.studies.hops import HOP, Trip, manager_config
 
 COURSE = (
     CrawlTo(Pose2(0.2, 0.1, 0.4)), TakeOff(1.0), FlyTo((1.0, 0.5, 1.5), FORMS["form3"], 0.8, along=True),
@@ -41,8 +42,8 @@ MISSIONS = {
 class Both:
     """The Python manager; the core's receives the same calls and is compared with it."""
 
-    def __init__(self):
-        self.readable, self.core = Manager(CONFIG), CoreManager(CONFIG)
+    def __init__(self, preset="tuned"):
+        self.readable, self.core = Manager(manager_config(preset)), CoreManager(manager_config(preset))
         self.worst = {"thrust": 0.0, "vectoring": 0.0, "joint_position": 0.0}
 
     def __getattr__(self, name):
@@ -69,8 +70,8 @@ class Both:
         return wanted
 
 
-def flown(commands, seconds=60.0, *, interrupt=None, **robot):
-    both = Both()
+def flown(commands, seconds=60.0, *, interrupt=None, preset="tuned", **robot):
+    both = Both(preset)
     seen = Trip(3, manager=both, **robot).fly(commands, seconds, interrupt=interrupt)
     assert seen.done is not None
     assert both.worst["thrust"] < 1e-9
@@ -85,13 +86,18 @@ def test_a_mission_is_that_of_the_python_manager(name):
     flown(commands, interrupt=interrupt, **robot)
 
 
+def test_a_hop_with_observed_motion_and_legs_that_ring_is_that_of_the_python_manager():
+    strength = Randomization.parse("calibrated_1:build-damped")
+    flown(HOP, preset="steady", strength=strength, sense=True)
+
+
 @pytest.mark.slow
 def test_a_whole_course_is_that_of_the_python_manager():
     assert flown(COURSE, 90.0, sense=True, strength=0.5).phase[-1] == "lie"
 
 
 def test_the_core_refuses_invalid_sequences_and_too_many_commands():
-    manager = CoreManager(CONFIG)
+    manager = CoreManager(manager_config("tuned"))
     manager.reset(Trip(0).state, [TakeOff()])
     with pytest.raises(InvalidValueError, match="Land first"):
         manager.command([TakeOff()])

@@ -18,7 +18,7 @@ from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard.build import arguments, build_runner
-from spidar_gym.onboard.export import export_files, write_files
+from spidar_gym.onboard.export import EVERY, export_files, write_files
 from spidar_gym.onboard.runner_structs import log_layouts
 from spidar_gym.paper.flight import PAPER_FLIGHT
 from spidar_gym.policies.artifact import write_artifact
@@ -167,7 +167,7 @@ def test_a_drive_replays_byte_for_byte(driven, runner, kind, tmp_path):
 @pytest.mark.slow
 def test_a_drive_replays_on_the_robots_processor_and_without_optimisation_byte_for_byte(driven, tmp_path):
     folder = tmp_path / "onboard"
-    write_files(export_files(golden=False), folder)
+    write_files(export_files(golden=False, presets=EVERY, fragile=True), folder)
     words = [*arguments(folder), "-static"]
     builds = {"there": ("aarch64-linux-gnu-gcc", *FLAGS), "plain": (*compiler(), *FLAGS, "-O0")}
     for name, command in builds.items():

@@ -12,7 +12,7 @@ from spidar_gym.control.course.gates import Course, Gate
 from spidar_gym.control.course.rule import course_rule
 from spidar_gym.control.course.target import Target
 from spidar_gym.control.crawl.pose2 import Pose2
-from spidar_gym.policies.course import HERE, Sight
+from spidar_gym.policies.course import DONE, DONE_TURN, HERE, Sight, has_arrived
 
 ROOT = Path(__file__).resolve().parents[2]
 BEAM, WALL, SLOT = (Gate(kind, 3.0, 3.3, size) for kind, size in (("beam", 0.6), ("wall", 0.8), ("slot", 1.5)))
@@ -33,7 +33,8 @@ def planner():
 class Seen(Sight):
     """A constructed observation of a course, on the ground or in the air."""
 
-    def __init__(self, course, x=0.0, y=0.0, z=0.15, phase="lie", narrow=0.0, target=None):
+    def __init__(self, course, x=0.0, y=0.0, z=0.15, phase="lie", narrow=0.0, target=None, yaw=0.0):
+        self.yaw = yaw
         self.course, self.phase, self.target = course, phase, target
         self.position_w, self.joint_position = np.array([x, y, z]), Target(narrow=narrow).form
 
@@ -106,3 +107,27 @@ def test_the_flying_baseline_waits_before_a_beam_and_the_crawling_one_goes_strai
     assert (straight.flies, straight.x, straight.y, straight.yaw) == (False, 8.0, 0.3, 0.2)
     assert rule.choose(seen) == course_rule(course, seen.position_w, seen.joint_position, phase)
     assert not rule.choose(seen).flies
+
+
+def test_a_robot_that_has_arrived_stays_and_one_that_has_not_been_there_goes_on(monkeypatch):
+    goal = Pose2(5.0, 0.2, 0.1)
+    course, meant = Course((), goal), Target(x=goal.x, y=goal.y, yaw=goal.yaw)
+    there = {"x": goal.x - 0.6 * DONE, "y": goal.y + 0.6 * DONE, "yaw": goal.yaw + 0.9 * DONE_TURN, "target": meant}
+    assert has_arrived(Seen(course, **there))
+    for change in (
+        {"x": goal.x - 1.1 * DONE}, {"yaw": goal.yaw - 1.1 * DONE_TURN}, {"target": None}, {"phase": "crawl"},
+        {"phase": "hover"}, {"target": Target(flies=True, x=goal.x, y=goal.y)}, {"target": Target(x=goal.x - 0.5)},
+    ):  # fmt: skip
+        assert not has_arrived(Seen(course, **{**there, **change}))
+    module = importlib.import_module("baselines.course_steady")
+    for policy in (module.SteadyRule(), module.SteadyPlanner()):
+        seen = Seen(course, **there)
+        acted = []
+        for arrived in (True, False):
+            monkeypatch.setattr("spidar_gym.policies.course.Sight", lambda _, sight=seen: sight)
+            monkeypatch.setattr("spidar_gym.policies.course.has_arrived", lambda _, arrived=arrived: arrived)
+            acted.append(policy.act(np.zeros(0)))
+        stay = Target(x=there["x"], y=there["y"], yaw=there["yaw"]).action(course, seen.position_w)
+        np.testing.assert_array_equal(acted[0], stay)
+        np.testing.assert_array_equal(acted[1], policy.choose(seen).action(course, seen.position_w))
+        assert not np.array_equal(*acted)

@@ -24,7 +24,7 @@ from spidar_gym.sim.ground import BOXES, TILES, GroundConfig, with_boxes
 from spidar_gym.sim.renderer import OffscreenRenderer
 from spidar_gym.sim.scene import scene
 from spidar_gym.state import Command
-from spidar_gym.studies.hops import CONFIG, Trip
+from spidar_gym.studies.hops import Trip, manager_config
 
 LYING = lying_pose(GaitConfig())
 STILL = Command(np.zeros(8), np.zeros((8, 2)), LYING, np.full(16, ROBOT.max_joint_torque))
@@ -164,7 +164,7 @@ def test_a_platform_has_the_ground_effect_of_the_floor_and_only_where_it_is():
 
 def test_the_manager_lands_on_a_platform():
     box = (3.0, 0.0, 0.15, 1.5, 1.6, 0.15, 0.0)
-    mission = Trip(0, ground=floor(box), manager=Manager(CONFIG))
+    mission = Trip(0, ground=floor(box), manager=Manager(manager_config("tuned")))
     seen = mission.fly([TakeOff(0.8), FlyTo((3.0, 0.0, 1.0), speed=0.8), Land(floor=0.3)], 40.0)
     assert seen.phase[-1] == "lie"
     np.testing.assert_allclose(mission.state.position_w, [3.0, 0.0, 0.3 + ROBOT.peg_depth], rtol=0, atol=0.03)

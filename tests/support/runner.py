@@ -11,7 +11,7 @@ from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, TakeOff
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard.build import arguments, compile_runner
-from spidar_gym.onboard.export import export_files, write_files
+from spidar_gym.onboard.export import EVERY, export_files, write_files
 from spidar_gym.onboard.runner_structs import log_layouts
 from spidar_gym.robot import FORMS, GIMBAL_NAMES, JOINT_NAMES, ROBOT
 from spidar_gym.sitl.missions import course_mission, crawl_mission, hover_mission
@@ -34,7 +34,7 @@ CHECKED = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
 def export(folder):
-    write_files(export_files(golden=False), folder)
+    write_files(export_files(golden=False, presets=EVERY, fragile=True), folder)
     return folder
 
 

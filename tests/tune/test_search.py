@@ -12,15 +12,30 @@ import pytest
 
 from spidar_gym.benchmark import HOVER, scoring
 from spidar_gym.benchmark.scenario import load_scenarios
-from spidar_gym.benchmark.track import CAP, TRACKS
-from spidar_gym.control.presets import RETUNED, ROBUST_OVERLAPPED, ROBUST_RETUNED, TUNED, TUNED_V1
+from spidar_gym.benchmark.track import CAP, REST_S, TRACKS
+from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.presets import (
+    RETUNED,
+    ROBUST_OVERLAPPED,
+    ROBUST_RETUNED,
+    STEADY,
+    STEADY_CRAWL,
+    TUNED,
+    TUNED_V1,
+)
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, UnknownNameError
 from spidar_gym.tune import crawl
 from spidar_gym.tune import search as tuning
 from spidar_gym.tune.flight import RETUNED_START
 from spidar_gym.tune.search import SEARCHES, Candidate, cost, draw_scenarios, find_search, play_candidate
 
-STARTS = {"flight": TUNED_V1, "retuned": RETUNED_START, "crawl": crawl.START, "recrawl": crawl.RESTART}
+STARTS = {
+    "flight": TUNED_V1,
+    "retuned": RETUNED_START,
+    "crawl": crawl.START,
+    "recrawl": crawl.RESTART,
+    "steady_crawl": STEADY_CRAWL,
+}
 ROOT = Path(__file__).resolve().parents[2]
 RIVALS = {"adrc": "Adrc", "compensation": "Compensation", "indi": "Indi", "mpc": "MPC"}
 SEARCHED = ROOT / "baselines/searches"
@@ -48,6 +63,9 @@ def test_a_search_begins_where_it_says(name):
 def test_a_search_is_made_on_all_tracks_of_its_group_and_begins_with_its_margins(name):
     search = find_search(name)
     on_ground = name.endswith("crawl")
+    if name == "steady_crawl":
+        assert search.tracks == ("ground-calibrated", "the paper's way at 0.8 rad/s")
+        return
     assert search.tracks == tuple(t for t in TRACKS if TRACKS[t].group == ("ground" if on_ground else "flight"))
     assert len(search.tracks) == (5 if on_ground else 7)
     assert started(name)[1] == 0.0
@@ -72,7 +90,8 @@ def test_a_custom_search_is_found_in_its_module_and_nothing_else_is(monkeypatch,
     assert find_search("searched_for:MINE") is SEARCHES["flight"]
     for name in ("searched_for:NUMBER", "searched_for:NOTHING", "searched_by:MINE", "searched_for:", "a:b:c"):
         with pytest.raises(
-            InvalidValueError, match=r"search = .*flight, retuned, crawl, recrawl, or module:NAME of a `Search`"
+            InvalidValueError,
+            match=r"search = .*flight, retuned, steady, crawl, recrawl, steady_crawl, or module:NAME of a `Search`",
         ):
             find_search(name)
 
@@ -123,6 +142,21 @@ def test_a_crawl_that_arrives_with_dragged_feet_costs_more_than_its_error():
     assert dragged - crawl.UNSUCCESSFUL < lifted < dragged  # dragging is faster: errors alone would favour it
 
 
+def test_a_crawl_that_arrives_late_counts_as_unsuccessful_and_costs_its_share_of_lateness_besides(monkeypatch):
+    track = "the paper's way at 0.8 rad/s"
+    scenarios = draw_scenarios("steady_crawl", 0, 0, 1)[track]
+    values = {p.name: p.start for p in SEARCHES["steady_crawl"].parameters}
+    found = {}
+    for longest in (100.0, 5.0):
+        late = replace(SEARCHES["steady_crawl"], durations={track: longest})
+        monkeypatch.setitem(SEARCHES, "steady_crawl", late)
+        found[longest] = play_candidate(Candidate("steady_crawl", values, track, scenarios))
+    assert found[5.0]["ticks"] == found[100.0]["ticks"]
+    seconds = found[5.0]["ticks"] / CONTROL_RATE - REST_S
+    more = found[5.0]["errors"][0] - found[100.0]["errors"][0]
+    assert more == pytest.approx(crawl.UNSUCCESSFUL + seconds / 5.0 - 1.0)
+
+
 @pytest.fixture
 def short(monkeypatch):
     """Shorten tracks to eight ticks."""
@@ -146,8 +180,8 @@ def test_a_search_writes_its_log_and_answers_with_its_last_line(short, tmp_path)
     assert [line["generation"] for line in written["log"]] == [0, 1]
     assert written["log"][-1] == last
     assert [head["cost"] for head in heads] == [line["cost"] for line in written["log"]]
-    # Four candidates, the mean of the distribution and the reference, on two tracks each, for eight ticks.
-    assert len(done) == 2 * 6 * 2
+    # Four candidates, the mean of the distribution and the reference, on two tracks each, for eight ticks, and margins.
+    assert len(done) == 2 * 6 * 3
     assert last["ticks"] == 6 * 2 * 8
     assert set(last["parameters"]) == {p.name for p in SEARCHES["flight"].parameters}
     assert sorted(path.name for path in tmp_path.iterdir()) == ["flight.json"]
@@ -180,14 +214,15 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(short, tmp_path):
 @pytest.fixture
 def by_pattern(monkeypatch):
     """Replace the costs of a pattern search by those of a bowl; return the number of jobs of each generation."""
-    played = []
+    counted = []
 
     def finish(call, jobs, *, on_done, **_):
-        played.append(len(jobs))
+        counted.append(len(jobs))
         for k, _ in enumerate(jobs):
             on_done(k, None)
         off = [0.3 if job.values is None else abs(job.values["momentum_gain"] - 1.2) for job in jobs]
-        return [{"errors": [0.1 * (1.0 + own)], "ticks": 3} for own in off]
+        played = [{"errors": [0.1 * (1.0 + own)], "ticks": 3} for own in off]
+        return [each if job.track else {"shortfall": 0.0} for job, each in zip(jobs, played, strict=True)]
 
     monkeypatch.setattr(tuning, "finish", finish)
     search = SEARCHES["retuned"]
@@ -195,14 +230,14 @@ def by_pattern(monkeypatch):
     monkeypatch.setattr(tuning, "draw_scenarios", lambda *_: drawn)
     # Computing margins, and the stiffness that they allow, takes seconds.
     monkeypatch.setitem(SEARCHES, "retuned", replace(search, loops=None, settle=dict, arguments=lambda _: {}))
-    return played
+    return counted
 
 
 def test_a_pattern_search_plays_the_same_scenarios_and_tells_what_its_answer_costs(by_pattern, tmp_path):
     how = {"population": 2, "scenarios": 1, "seed": 0, "workers": 1}
     done = []
     last = tuning.tune("retuned", tmp_path, generations=40, **how, on_piece=lambda: done.append(None))
-    tracks = len(SEARCHES["retuned"].tracks)
+    tracks = len(SEARCHES["retuned"].tracks) + 1  # and the margins
     assert by_pattern == [4 * tracks, *[2 * tracks] * 39]  # mean and reference: in the first generation only
     assert sum(tuning.pieces("retuned", 2, k) for k in range(40)) == len(done) == sum(by_pattern)
     lines = json.loads((tmp_path / "retuned.json").read_text(encoding="utf-8"))["log"]
@@ -295,7 +330,7 @@ def test_a_search_without_cma_says_what_to_install(tmp_path, monkeypatch):
 
 
 def test_a_search_that_does_not_exist_is_refused_with_those_that_do(tmp_path):
-    with pytest.raises(UnknownNameError, match="flight, retuned, crawl, recrawl"):
+    with pytest.raises(UnknownNameError, match="flight, retuned, steady, crawl, recrawl, steady_crawl"):
         tuning.tune("swim", tmp_path, generations=1, **BUDGET)
 
 
@@ -330,6 +365,13 @@ def test_retuned_is_what_the_committed_search_came_to_rest_at():
     assert SEARCHES["retuned"].arguments(log[-1]["parameters"]) == {"controller": RETUNED}
     assert log[-1]["sigma"] == 0.0
     assert np.exp(log[-1]["reference"] - log[-1]["cost"]) > 1.15
+
+
+def test_steady_is_what_the_committed_search_ended_with_all_margins_held():
+    log = json.loads((SEARCHED / "steady.json").read_text())["log"]
+    assert SEARCHES["steady"].arguments(log[-1]["parameters"]) == {"controller": STEADY}
+    assert log[-1]["shortfall"] == 0.0
+    assert log[-1]["cost"] < log[0]["cost"]
 
 
 def test_robust_retuned_is_what_the_committed_search_ended_with_higher_feet_and_less_torque():

@@ -15,6 +15,8 @@ MOST_STRIDE = 20.0
 """Upper limit of the search for the largest stride, as a multiple of the displacement."""
 BISECTIONS = 24
 """Number of bisections in that search."""
+MOST_CORRECTIONS = 10
+"""Largest number of corrections."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,11 @@ class GaitConfig:
     """Outer pitch of the start pose [rad]."""
     stride: str = "centred"
     """Stride scheme, one of `STRIDES`."""
+    # In C this fills the padding after `stride`: size and offsets of logs and missions stay.
+    corrections: int = 0
+    """Largest number of corrections that are added to a move that has missed its goal: the torso is lifted and moved
+    once more, after a step of all legs where it is farther from its goal than `trim_limit`. With them, a torso that is
+    out of its goal's reach moves as far as it can, and one that is still short of it does not wait for the time-out."""
     max_distance: float = 0.2
     """Longest displacement of a cycle [m]; the reach may allow less."""
     max_turn: float = 0.5
@@ -73,8 +80,14 @@ class GaitConfig:
     def __post_init__(self) -> None:
         """Raise `InvalidValueError` for a start pose out of reach and for negative lengths or times."""
         require_name("stride scheme", self.stride, STRIDES)
-        positive = {k: v for k, v in vars(self).items() if k not in ("inner", "outer", "stride", "rolling", "robot")}
+        positive = {
+            k: v
+            for k, v in vars(self).items()
+            if k not in ("inner", "outer", "stride", "corrections", "rolling", "robot")
+        }
         require_not_negative(**positive)
+        if type(self.corrections) is not int or not 0 <= self.corrections <= MOST_CORRECTIONS:
+            raise InvalidValueError("corrections", self.corrections, f"a whole number within 0 … {MOST_CORRECTIONS}")
         for name in ("max_distance", "max_turn", "lift_height", "timeout"):
             if getattr(self, name) == 0.0:
                 raise InvalidValueError(name, 0.0, "a number above 0")

@@ -29,6 +29,9 @@ NEAR = 0.05
 """A joint has reached its target within this distance [rad] [JSK]."""
 STILL = 0.05
 """The joints are still when their filtered angles are slower than this [rad/s]."""
+SWINGING = 0.15
+"""With corrections, share at which time counts in which feet that have touched down swing about their targets, as legs
+that hardly damp do for long."""
 MAX_DEPTH = 0.05
 """The torso has touched the floor only if its height is closer than this to its plan [m]."""
 RESPONSE_TIME = 0.17
@@ -37,10 +40,13 @@ SHORTEN = 0.95
 """A stride or a lift that is out of reach is shortened by this factor until it is in reach."""
 LEAST_LIFT = 0.01
 """A lift is not shortened below this [m]."""
+MISSED, MISSED_TURN = 0.006, 0.012
+"""A torso that lies farther from the goal of its move has missed it [m], [rad]: six tenths of a success's limits."""
 TRIAL = 0.002
 """Length of the trial step of the torso that determines the joint rates [m]."""
 _LEGS_UP = frozenset(("spool", "raise", "swing", "lower"))
-_ON_FEET = frozenset(("brace", "up", "forward", "down"))
+ON_FEET = frozenset(("brace", "up", "forward", "down"))
+"""Phases in which all feet stand and the torso moves."""
 
 
 class Gait:
@@ -112,7 +118,7 @@ class Gait:
         memory = self.memory
         if memory.phase in _LEGS_UP or (memory.phase == "hold" and memory.steps[0].phases == LIFT):
             return "legs" if len(memory.steps[0].legs) == N_LEGS else "leg"
-        return "stance" if memory.phase in _ON_FEET or memory.phase == "hold" else "rest"
+        return "stance" if memory.phase in ON_FEET or memory.phase == "hold" else "rest"
 
     @property
     def lifted(self) -> np.ndarray:
@@ -149,7 +155,7 @@ class Gait:
     def _advance(self, residual: Residual, joint_rate: float) -> None:
         memory, config = self.memory, self.config
         speed = self.joint_speed * max(0.0, residual.joint_speed_scale)
-        if memory.phase in _ON_FEET or (memory.phase == "hold" and self.mode == "stance"):
+        if memory.phase in ON_FEET or (memory.phase == "hold" and self.mode == "stance"):
             self._track()
             self._trim()
             self._push(speed)
@@ -199,6 +205,9 @@ class Gait:
         memory, rows = self.memory, INNER[legs]
         planned = float(np.abs(memory.plan - memory.landing).max()) < 1e-9
         near = float(np.abs(memory.joints[rows] - memory.landing[rows]).max()) < 3.0 * NEAR
+        if planned and near and not still and self.config.corrections:
+            memory.still += SWINGING * self.dt
+            return memory.still >= self.config.leg_touch_time - 1e-9
         return self._still(planned and near and still, self.config.leg_touch_time)
 
     def _lifted_torso(self) -> bool:
@@ -210,8 +219,14 @@ class Gait:
             return False
         error, _ = self._error()
         near = math.hypot(error[0], error[1]) <= config.arrival and abs(error[2]) <= config.arrival
+        if config.corrections and self._is_last:
+            # The plan is ahead of the torso, which would be lowered short of the goal.
+            wanted = memory.way.arc(memory.share)
+            ahead = math.hypot(wanted.x - memory.expected[0], wanted.y - memory.expected[1])
+            near = near and ahead <= config.arrival
         # After half the time-out the remaining error is left for the next cycle.
-        return bool(near) or config.down_at < 1.0 or memory.time >= 0.5 * config.timeout
+        ended = bool(near) or config.down_at < 1.0 or memory.time >= 0.5 * config.timeout
+        return ended or self._stalled()
 
     def _landed(self) -> bool:
         """Whether the torso has touched down: near the floor and not sinking for `torso_touch_time`."""
@@ -219,7 +234,17 @@ class Gait:
         _, depth = self._error()
         sinking = abs(float((memory.position_w - memory.slow_w) @ memory.floor_R[:, 2]))
         planned = memory.height <= -config.press + 1e-9 and memory.share >= 1.0
+        if not planned and config.corrections:
+            return self._stalled()
         return self._still(planned and sinking < AGREE and depth < MAX_DEPTH, config.torso_touch_time)
+
+    def _stalled(self) -> bool:
+        """Whether corrections are left to do what the torso, at rest for `stall_time`, has not done."""
+        memory = self.memory
+        if not self.config.corrections:
+            return False
+        away = np.abs(memory.position_w - memory.slow_w).max()
+        return self._still(bool(away < AGREE), self.config.stall_time)
 
     def _still(self, there: bool, duration: float) -> bool:
         memory = self.memory
@@ -231,11 +256,17 @@ class Gait:
         memory, config = self.memory, self.config
         step = memory.steps[0]
         if index >= len(step.phases):
-            memory.steps = memory.steps[1:]
+            missed, index = self._missed(), 0
+            if missed > 0.0:
+                memory.corrected += 1
+                # Feet that stand where they should move the torso over this distance without steps.
+                index = step.phases.index("brace") if missed <= config.trim_limit else 0
+            else:
+                memory.corrected, memory.steps = 0, memory.steps[1:]
             if not memory.steps:
                 memory.phase, memory.index, memory.time = "done", 0, 0.0
                 return
-            index, step = 0, memory.steps[0]
+            step = memory.steps[0]
         phase = step.phases[index]
         if phase == "settle" and config.settle_time == 0.0 and len(memory.steps) > 1:
             self._enter(index + 1, residual)
@@ -243,6 +274,24 @@ class Gait:
         memory.rested = memory.phase in ("done", "settle")
         memory.phase, memory.index, memory.time, memory.still = phase, index, 0.0, 0.0
         self._aim(step, residual)
+
+    def _missed(self) -> float:
+        """Return how far the torso has missed the goal of a move in its last cycle; half a radian is a metre [m].
+
+        It is 0 for a torso that lies within `MISSED` and `MISSED_TURN`, and where no correction is left.
+        """
+        memory, target = self.memory, self.memory.steps[0].target
+        if target is None or memory.corrected >= self.config.corrections or not self._is_last:
+            return 0.0
+        here = torso_pose2(memory.position_w, memory.R_wb)
+        turn = abs(math.remainder(target.yaw - here.yaw, 2.0 * math.pi))
+        distance = math.hypot(target.x - here.x, target.y - here.y)
+        return max(distance, 0.5 * turn) if distance > MISSED or turn > MISSED_TURN else 0.0
+
+    @property
+    def _is_last(self) -> bool:
+        """Whether the present cycle is the last one of all moves in the queue that follow each other."""
+        return len(self.memory.steps) == 1 or self.memory.steps[1].target is None
 
     def _aim(self, step: Step, residual: Residual) -> None:
         """Set the targets of the phase that begins."""
@@ -310,6 +359,10 @@ class Gait:
         memory.lift = (config.lift_height if step.height is None else step.height) * residual.lift_scale
         while memory.lift > LEAST_LIFT and self._reach(1.0, memory.lift) is None:
             memory.lift *= SHORTEN
+        while config.corrections and memory.way.distance + abs(memory.way.yaw) > 1e-6:
+            if self._reach(1.0, memory.lift) is not None and self._reach(1.0, -config.press) is not None:
+                break
+            memory.way = memory.way.arc(SHORTEN)
         end = self._reach(1.0, 0.0)
         memory.target = memory.plan if end is None else end
 
@@ -408,7 +461,7 @@ def nominal_time(
         q = gait.step(position, rotation_z(yaw), q)
         ticks += 1
         memory = gait.memory
-        if memory.phase in _ON_FEET:
+        if memory.phase in ON_FEET:
             pose = memory.way.arc(memory.share)
             position = memory.floor_w + memory.floor_R @ (pose.x, pose.y, max(memory.height, 0.0))
             yaw = pose.yaw + math.atan2(memory.floor_R[1, 0], memory.floor_R[0, 0])

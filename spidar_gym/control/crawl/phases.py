@@ -92,5 +92,7 @@ class GaitMemory:
     """Whether the rotors were off before this phase."""
     timeouts: int = 0
     """Number of phases that ended by time-out."""
+    corrected: int = 0
+    """Number of cycles that were added to the present move."""
     planned: Pose2 = field(default_factory=Pose2)
     """Pose of the torso after the last queued command, world."""

@@ -237,7 +237,7 @@ def observe_wrench(
         R_wb: Attitude of the torso.
         omega_b: Angular velocity, or with `observer_beyond` its excess over the reference, torso axes [rad/s].
         velocity_w: Velocity of the CoG, or with `observer_beyond` its excess over the reference, world [m/s]; with
-            `ControllerConfig.quasi_static` without the share of the joints, whose momentum then appears as a force.
+            the motion `quasi_static` without the share of the joints, whose momentum then appears as a force.
         allocated: Wrench of the last tick's allocation, {CoG} [N, Nm].
         config: Time constants.
         dt: Length of the tick [s].
@@ -264,9 +264,14 @@ def observe_wrench(
     if config.observer_order == 2:
         passed = memory.residual_w + share * (residual - memory.residual_w)
     external = memory.external_w + share * (passed - memory.external_w)
-    bound = np.repeat([MAX_EXTERNAL_SHARE * snapshot.robot.weight, MAX_EXTERNAL_TORQUE], 3)
+    bound = external_bound(snapshot)
     external = np.minimum(np.maximum(external, -bound), bound)
     return replace(memory, external_w=external, residual_w=passed, delivered_w=delivered, observed_momentum=momentum)
+
+
+def external_bound(snapshot: Snapshot) -> Wrench:
+    """Return the limits ± of an observed external wrench [N, Nm]."""
+    return np.repeat([MAX_EXTERNAL_SHARE * snapshot.robot.weight, MAX_EXTERNAL_TORQUE], 3)
 
 
 def ramp_joints(

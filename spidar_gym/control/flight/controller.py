@@ -33,10 +33,11 @@ from spidar_gym.control.flight.compensation import (
     weight_wrench,
 )
 from spidar_gym.control.flight.memory import ControlState, FlightMemory, FlightRecord, fresh_memory
+from spidar_gym.control.flight.motion import MOTIONS, MotionMemory, fresh_motion, observe_motion, unbend, whole_motion
 from spidar_gym.control.flight.observation import FlightObservables, observe
 from spidar_gym.control.readable import ReadableController
 from spidar_gym.control.rotors import ALL_FREE, flight_demand
-from spidar_gym.errors import InvalidValueError
+from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.model.dynamics import Model, Snapshot
 from spidar_gym.model.interference import Interference, InterferenceConfig, find_interference, no_interference
 from spidar_gym.model.rotor import (
@@ -45,6 +46,7 @@ from spidar_gym.model.rotor import (
     force_to_angles,
     nominal_vectoring,
     rate_limit_vectoring,
+    thrust_map,
     update_lock,
     vectoring_to_force,
 )
@@ -71,9 +73,10 @@ class ControllerConfig:
 
     allocation: str = "paper"
     """Name of the allocation's blocks, see `spidar_gym.control.allocation.modes.ALLOCATIONS`."""
-    # In C the flag fills the padding after `allocation`: size and offsets of logs and missions stay.
-    quasi_static: bool = False
-    """Whether the controller computes the velocity of {CoG} without the share of the moving joints [JSK]."""
+    # In C this fills the padding after `allocation`: size and offsets of logs and missions stay.
+    motion: str = "complete"
+    """Motion that is fed back: `complete`; `quasi_static`, the velocity of {CoG} without the share of the moving joints
+    [JSK]; `observed`, that of the whole robot with legs that bend, see `spidar_gym.control.flight.motion`."""
     joint_speed: float = ROBOT.joint_speed
     """Speed of the planned joint motion [rad/s]; the servos have the same limit."""
     joint_torque_limit: float = ROBOT.max_joint_torque
@@ -92,9 +95,8 @@ class ControllerConfig:
     """Thresholds and rates of the φ lock."""
 
     def __post_init__(self) -> None:
-        """Raise `InvalidValueError` for speeds and limits that are not positive, and for a flag that is no `bool`."""
-        if type(self.quasi_static) is not bool:
-            raise InvalidValueError("quasi_static", self.quasi_static, "True or False")
+        """Raise `InvalidValueError` for speeds and limits that are not positive (`UnknownNameError` for a motion)."""
+        require_name("motion", self.motion, MOTIONS)
         for name in ("joint_speed", "joint_torque_limit", "rate_hz"):
             value = getattr(self, name)
             if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
@@ -184,7 +186,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
     def compute_state(self, state: RobotState, reference: Reference) -> ControlState:
         """Compute model quantities and errors of a state. Pure, except for the model's workspace.
 
-        The errors are those of the complete velocity, also with `quasi_static`: environments and policies read them.
+        The errors are those of the complete velocity for every `motion`: environments and policies read them.
         """
         R_wb = quat_to_matrix(state.quat_wb)
         snapshot = self.model.snapshot(state.joint_position, R_wb, state.vectoring)
@@ -215,12 +217,10 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             residual = NO_RESIDUAL
         memory, options = self.memory, self.config.compensation
         control_state = control_state or self.compute_state(state, reference)
-        if self.config.quasi_static:
-            error = quasi_static_error(control_state.error, state, control_state.snapshot, control_state.R_wb)
-            control_state = replace(control_state, error=error)
+        seen, control_state, motion = self._fed_back(state, reference, control_state)
         R_wb, snapshot = control_state.R_wb, control_state.snapshot
         joints, speed = self.compute_joints(reference.joint_target + residual.joint_offset, residual.joint_speed_scale)
-        wrench, integrals, compensation = self.compute_wrench(state, reference, control_state, joints)
+        wrench, integrals, compensation = self.compute_wrench(seen, reference, control_state, joints)
         wrench += residual.wrench
         demand, lock, bounds = self._demand(memory, snapshot, reference, state.vectoring, wrench)
         allocation = self.allocator.allocate(demand, reference.mode, memory.forces_l)
@@ -239,9 +239,47 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         unallocated = allocation.unallocated_wrench
         self.memory = FlightMemory(
             lock, bounds, vectoring, allocation.forces_l, integrals, joints, R_wb @ unallocated[:3], unallocated[3:],
-            speed, compensation,
+            speed, compensation, motion,
         )  # fmt: skip
         return Command(allocation.thrust, vectoring, joints, self._torque_limit)
+
+    def _fed_back(
+        self, state: RobotState, reference: Reference, control_state: ControlState
+    ) -> tuple[RobotState, ControlState, MotionMemory]:
+        """Return state and errors that are fed back, and the new memory of the observer, according to `motion`."""
+        motion, error, snapshot = self.memory.motion, control_state.error, control_state.snapshot
+        if self.config.motion == "quasi_static":
+            error = quasi_static_error(error, state, snapshot, control_state.R_wb)
+        elif self.config.motion == "observed" and reference.support > 0.0:
+            motion = fresh_motion()  # the floor's force is no disturbance
+        elif self.config.motion == "observed":
+            R_wb = control_state.R_wb
+            Q = thrust_map(snapshot.R_bl, snapshot.rotor_c)
+            begun = motion.sag is not None and self.last_step is not None
+            motion, state, bending = unbend(motion, state, self.memory.compensation.servo_position, dt=self.dt)
+            control_state = self.compute_state(state, reference)
+            snapshot, error = control_state.snapshot, control_state.error
+            velocity_w = reference.velocity_w - error.velocity_w
+            motion, predicted = observe_motion(
+                motion, state, bending, snapshot, R_wb, velocity_w=velocity_w, thrust_map=Q,
+                thrust=np.linalg.norm(self.memory.forces_l, axis=1),
+                allocated=self.last_step.allocation.wrench if begun and self.last_step else None, dt=self.dt,
+            )  # fmt: skip
+            error, turning = whole_motion(
+                motion, error, predicted, state, bending, snapshot, R_wb, velocity_w=velocity_w
+            )
+            state = replace(state, omega_b=turning)
+        return state, replace(control_state, error=error), motion
+
+    def note_scaled(self, share: float) -> None:
+        """Note that all thrusts of the last command were multiplied by `share` before they reached the rotors.
+
+        Only the observer of the whole robot's motion takes note; the commands of all other presets are frozen.
+        """
+        if self.config.motion == "observed" and self.last_step is not None:
+            allocation = self.last_step.allocation
+            self.memory = replace(self.memory, forces_l=share * self.memory.forces_l)
+            self.last_step = replace(self.last_step, allocation=replace(allocation, wrench=share * allocation.wrench))
 
     def observe(self, observables: FlightObservables, *, bound: np.ndarray) -> np.ndarray:
         """Compute the observation of a policy; see `observation.observe`."""
@@ -253,9 +291,9 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         """Compute w^d in {CoG} without residual, and the new memory; override this for a custom control law.
 
         Args:
-            state: State of the robot.
+            state: State of the robot; its angular velocity is the one that is fed back.
             reference: Desired motion.
-            control_state: Model quantities and errors; with `quasi_static` without the joints' share of the velocity.
+            control_state: Model quantities, and the errors that are fed back according to `motion`.
             joints: The new q^d [rad].
         """
         memory, gains, error = self.memory, self.config.centroidal, control_state.error
@@ -286,7 +324,8 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         # With a reference at rest the result is bit for bit that without this compensation.
         if options.reference_gain and (reference.acceleration_w.any() or reference.alpha_b.any()):
             more += options.reference_gain * reference_wrench(snapshot, R_wb, reference)
-        if not (options.momentum_gain or options.vectoring_lead or options.observer_gain):
+        observed = self.config.motion == "observed"
+        if not (options.momentum_gain or options.vectoring_lead or options.observer_gain or observed):
             return memory, more
         fed = more.copy()
         if options.observer_gain and self.last_step is not None and reference.support > 0.0:

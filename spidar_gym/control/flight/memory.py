@@ -9,6 +9,7 @@ from spidar_gym.control.allocation.allocator import Allocation
 from spidar_gym.control.allocation.problem import Demand
 from spidar_gym.control.flight.centroidal import Integrals, MotionError
 from spidar_gym.control.flight.compensation import CompensationMemory, fresh_compensation
+from spidar_gym.control.flight.motion import MotionMemory, fresh_motion
 from spidar_gym.control.rotors import RotorMemory, fresh_rotors
 from spidar_gym.model.dynamics import Snapshot
 from spidar_gym.robot import N_JOINTS
@@ -42,6 +43,8 @@ class FlightMemory(RotorMemory):
     """Rate of q^d in the last tick [rad/s]."""
     compensation: CompensationMemory
     """State of the compensations."""
+    motion: MotionMemory
+    """State of the observer of the whole robot's motion."""
 
 
 def fresh_memory(vectoring: Vectoring, forces_l: RotorForces, joint_position: JointVector) -> FlightMemory:
@@ -55,6 +58,7 @@ def fresh_memory(vectoring: Vectoring, forces_l: RotorForces, joint_position: Jo
         unallocated_torque=zero,
         joint_velocity=np.zeros(N_JOINTS),
         compensation=fresh_compensation(joint_position, np.zeros(6)),
+        motion=fresh_motion(),
     )  # fmt: skip
 
 

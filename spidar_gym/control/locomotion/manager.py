@@ -407,6 +407,7 @@ class Manager(Orders):
             return command
         slew, before = self.config.most_slew, memory.thrust
         share = min(max(total, before - slew), before + slew) / total
+        self.flight.note_scaled(share)
         return replace(command, thrust=np.minimum(self.model.robot.max_thrust, command.thrust * share))
 
 

@@ -19,8 +19,6 @@ from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.control.presets import (
     CRAWL_PRESETS,
     FORMER_CRAWL_PRESETS,
-    FORMER_PRESETS,
-    PRESETS,
     controller_config,
     crawler_config,
 )
@@ -220,16 +218,21 @@ def record_initializer(record: Any, indent: int = 1) -> str:  # noqa: ANN401 - a
     return "{\n" + ",\n".join(parts) + "\n" + "    " * (indent - 1) + "}"
 
 
-def presets_header(spec: RobotSpec = ROBOT) -> str:
-    """Generate spidar_presets.h: the presets for a robot, with the iteration cap of its computer.
+def presets_header(flights: Sequence[str], spec: RobotSpec = ROBOT) -> str:
+    """Generate spidar_presets.h: presets for a robot, with the iteration cap of its computer.
+
+    Args:
+        flights: Names of the flight presets; the first is that of a manager that is given no other.
+        spec: The robot.
 
     Raises:
+        UnknownNameError: For a preset that does not exist.
         InvalidValueError: For a robot whose legs cannot reach the poses of a preset.
     """
     lines: list[str] = []
-    flights = {name: controller_config(name, spec) for name in (*PRESETS, *FORMER_PRESETS)}
+    found = {name: controller_config(name, spec) for name in flights}
     crawls = {name: crawler_config(name, robot=spec) for name in (*CRAWL_PRESETS, *FORMER_CRAWL_PRESETS)}
-    for kind, presets in (("controller", flights), ("crawler", crawls)):
+    for kind, presets in (("controller", found), ("crawler", crawls)):
         for name, config in presets.items():
             capped = replace(config, allocator=replace(config.allocator, max_iter=ONBOARD_ITERATIONS))
             lines += [f"static const sp_{kind}_config SP_PRESET_{name.upper()} = {initializer(capped)};", ""]
@@ -237,6 +240,6 @@ def presets_header(spec: RobotSpec = ROBOT) -> str:
         lines += [f"#define SP_{kind.upper()}_PRESETS(X) {table}",
                   f'#define SP_{kind.upper()}_NAMES "{", ".join(presets)}"', ""]  # fmt: skip
     lines.append(f"static const sp_estimator_config SP_ESTIMATOR = {initializer(EstimatorConfig())};")
-    both = ManagerConfig(flight=flights["tuned"], crawl=crawls["robust_overlapped"])
+    both = ManagerConfig(flight=found[flights[0]], crawl=crawls["robust_overlapped"])
     lines += ["", f"static const sp_manager_config SP_MANAGER = {initializer(both)};"]
     return header("SPIDAR_PRESETS", "the presets, with the simulator's numbers.", lines, ('"spidar_structs.h"',))

@@ -161,7 +161,8 @@ void sp_compensate(const sp_robot *robot, sp_flight *f, const sp_robot_state *st
         follow_reference(control, reference, c->reference_gain, fed);
         for (int i = 0; i < 6; i++) wrench[i] += fed[i];
     }
-    if (!(c->momentum_gain != 0.0 || c->vectoring_lead != 0.0 || c->observer_gain != 0.0)) return;
+    int observed = f->config.motion == SP_CONTROLLER_CONFIG_MOTION_OBSERVED; /* it reads the model of the servos */
+    if (!(c->momentum_gain != 0.0 || c->vectoring_lead != 0.0 || c->observer_gain != 0.0 || observed)) return;
     if (reference->support > 0.0) m->has_observed = 0; /* the floor's force is not a disturbance */
     else if (c->observer_gain != 0.0 && f->ticked) {
         double velocity_w[3], turning[3];

@@ -82,6 +82,153 @@ static void remove_joints(const sp_robot_state *state, sp_control_state *control
     for (int i = 0; i < 3; i++) control->error.velocity_w[i] += turned[i];
 }
 
+/* Solve I x = b (3) by Cramer's rule, up to the division of x by the determinant, which is returned. */
+static double solve(const double *I, const double *b, double *x)
+{
+    double adjugate[9];
+    for (int k = 0; k < 3; k++) sp_cross(I + 3 * ((k + 1) % 3), I + 3 * ((k + 2) % 3), adjugate + 3 * k);
+    sp_apply_t(adjugate, b, x);
+    return sp_dot(I, adjugate);
+}
+
+/* Take the joints' fast deviation from the model of the servos out of a state: δ, its rate, and the model's. */
+static void unbend(sp_flight *f, sp_robot_state *state, double *bend, double *bending, double *planned)
+{
+    sp_motion_memory *m = &f->memory.motion;
+    double share = 1.0 - exp(-f->dt / SP_BEND_TIME);
+    m->ringing *= exp(-f->dt / SP_RINGING_TIME);
+    for (int j = 0; j < SP_JOINTS; j++) {
+        double plan = f->memory.compensation.servo_position[j], away = state->joint_position[j] - plan;
+        double before = m->has_sag ? m->sag[j] : away, last = m->has_sag ? m->plan[j] : plan;
+        m->sag[j] = before + share * (away - before);
+        planned[j] = (plan - last) / f->dt; /* the model's velocity at the end of a tick is not its mean */
+        double rate = planned[j] + (m->sag[j] - before) / f->dt;
+        m->plan[j] = plan;
+        bend[j] = away - m->sag[j];
+        bending[j] = state->joint_velocity[j] - rate;
+        m->ringing = sp_max(m->ringing, fabs(bending[j]));
+        state->joint_position[j] = plan + m->sag[j];
+        state->joint_velocity[j] = rate;
+    }
+    m->has_sag = 1;
+}
+
+/* A wrench in {CoG} in world axes, less the weight. */
+static void to_world(const double *wrench, const double *R_wb, double weight, double *out)
+{
+    sp_apply(R_wb, wrench, out);
+    sp_apply(R_wb, wrench + 3, out + 3);
+    out[2] -= weight;
+}
+
+/* The wrench of thrusts in the measured directions, in world axes, less the weight. */
+static void delivered_wrench(const sp_flight *f, const double *Q, const double *thrust, const double *vectoring, double weight,
+                             double *out)
+{
+    double forces[SP_FORCES], wrench[6];
+    sp_vectoring_to_force(thrust, vectoring, forces);
+    for (int k = 0; k < 6; k++) wrench[k] = sp_row(Q + SP_FORCES * k, forces, SP_FORCES);
+    to_world(wrench, f->control.R_wb, weight, out);
+}
+
+/* Observe the momentum p of the whole robot, and predict it to when the next command acts: p̂ ← p̂ + dt (w_λ + w_g + ŵ),
+ * then p̂ ← p̂ + (1 − a²) e and ŵ ← ŵ + (1 − a)²/dt e with e = p − p̂. */
+static void observe_motion(const sp_robot *robot, sp_flight *f, const sp_robot_state *state, const double *bending, const double *planned,
+                           const double *velocity_w, const double *Q, int first, double *predicted)
+{
+    sp_motion_memory *m = &f->memory.motion;
+    const sp_snapshot *s = &f->control.snapshot;
+    const double *R_wb = f->control.R_wb, dt = f->dt;
+    double legs[3], coming_legs[3], whole[3], L[3], h[3], measured[6], delivered[6];
+    double weight = s->mass * robot->gravity, late = sp_min(SP_COMMAND_DELAY / dt, SP_COMMANDS - 1.0 - 1e-9);
+    int ticks = (int)late;
+    double part = late - ticks;
+    sp_leg_momentum(s, planned, legs);
+    sp_leg_momentum(s, state->joint_velocity, whole);
+    sp_leg_momentum(s, bending, h);
+    sp_apply(s->inertia_c, state->omega_b, L);
+    if (first || !f->ticked) sp_copy(m->legs, legs, 3);
+    for (int i = 0; i < 3; i++) {
+        measured[i] = s->mass * velocity_w[i];
+        L[i] += whole[i] + h[i];
+        /* The planned joint motion has its share of the momentum, now and then. */
+        coming_legs[i] = whole[i] + SP_COMMAND_DELAY / dt * (legs[i] - m->legs[i]);
+        m->legs[i] = legs[i];
+    }
+    sp_apply(R_wb, L, measured + 3);
+    if (first || !f->ticked) {
+        delivered_wrench(f, Q, state->thrust, state->vectoring, weight, delivered);
+        sp_copy(m->thrust, state->thrust, SP_ROTORS);
+        sp_copy(m->momentum_w, measured, 6);
+        for (int i = 0; i < 6; i++) { /* the robot is taken to be in balance */
+            double bound = i < 3 ? SP_MAX_EXTERNAL_SHARE * robot->weight : SP_MAX_EXTERNAL_TORQUE;
+            m->external_w[i] = sp_clip(-delivered[i], -bound, bound);
+        }
+        for (int k = 0; k < SP_COMMANDS; k++) {
+            sp_copy(m->commands[k], state->thrust, SP_ROTORS);
+            sp_copy(m->commands[k] + SP_ROTORS, delivered, 6);
+        }
+    } else {
+        double lag = 1.0 - exp(-dt / SP_ROTOR_LAG), decay = exp(-dt / SP_MOMENTUM_TIME);
+        memmove(m->commands[1], m->commands[0], sizeof m->commands - sizeof m->commands[0]);
+        for (int i = 0; i < SP_ROTORS; i++) m->commands[0][i] = sp_norm(f->memory.forces_l + 3 * i);
+        to_world(f->allocation.wrench, R_wb, weight, m->commands[0] + SP_ROTORS);
+        for (int i = 0; i < SP_ROTORS; i++) {
+            double reached = (1.0 - part) * m->commands[ticks][i] + part * m->commands[ticks + 1][i];
+            m->thrust[i] += lag * (reached - m->thrust[i]);
+        }
+        delivered_wrench(f, Q, m->thrust, state->vectoring, weight, delivered);
+        for (int i = 0; i < 6; i++) {
+            double bound = i < 3 ? SP_MAX_EXTERNAL_SHARE * robot->weight : SP_MAX_EXTERNAL_TORQUE;
+            double momentum = m->momentum_w[i] + dt * (delivered[i] + m->external_w[i]), miss = measured[i] - momentum;
+            m->momentum_w[i] = momentum + (1.0 - decay * decay) * miss;
+            m->external_w[i] = sp_clip(m->external_w[i] + (1.0 - decay) * (1.0 - decay) / dt * miss, -bound, bound);
+        }
+    }
+    sp_apply(R_wb, coming_legs, h);
+    sp_copy(predicted, m->momentum_w, 6);
+    for (int i = 0; i < 3; i++) predicted[3 + i] -= h[i];
+    for (int k = ticks; k >= 0; k--) {
+        double span = k == ticks ? part * dt : dt, share = 1.0 - exp(-span / SP_ROTOR_LAG);
+        for (int i = 0; i < 6; i++) {
+            double coming = m->commands[k][SP_ROTORS + i];
+            predicted[i] += span * (coming + m->external_w[i]) + SP_ROTOR_LAG * share * (delivered[i] - coming);
+            delivered[i] += share * (coming - delivered[i]);
+        }
+    }
+}
+
+/* Replace state and errors by those of the whole robot when the next command acts: its momentum is observed, its attitude
+ * is the torso's, turned by I⁻¹ H δ. While legs ring, the errors of attitude and angular velocity are reduced. */
+static void feed_whole_motion(const sp_robot *robot, sp_flight *f, const sp_reference *reference, sp_robot_state *state)
+{
+    const sp_snapshot *s = &f->control.snapshot;
+    sp_motion_error *e = &f->control.error;
+    double bend[SP_JOINTS], bending[SP_JOINTS], planned[SP_JOINTS], velocity_w[3], predicted[6], L[3], h[3], turning[3], turned[3];
+    double Q[6 * SP_FORCES];
+    int first = !f->memory.motion.has_sag;
+    sp_zero(Q, 6 * SP_FORCES);
+    sp_thrust_map(s, Q, SP_FORCES); /* of the links as they are */
+    unbend(f, state, bend, bending, planned);
+    sp_compute_state(robot, state, reference, &f->control);
+    for (int i = 0; i < 3; i++) velocity_w[i] = reference->velocity_w[i] - e->velocity_w[i];
+    observe_motion(robot, f, state, bending, planned, velocity_w, Q, first, predicted);
+    sp_apply_t(f->control.R_wb, predicted + 3, L);
+    sp_leg_momentum(s, bend, h);
+    double det = solve(s->inertia_c, L, turning);
+    double calm = SP_RINGING / sp_max(f->memory.motion.ringing, SP_RINGING), share = sp_max(SP_LEAST_SHARE, calm * calm);
+    solve(s->inertia_c, h, turned);
+    for (int i = 0; i < 3; i++) {
+        turning[i] /= det;
+        e->velocity_w[i] += velocity_w[i] - predicted[i] / s->mass;
+        e->omega_b[i] += state->omega_b[i] - turning[i];
+        e->position_w[i] += SP_COMMAND_DELAY * e->velocity_w[i];
+        e->attitude[i] = share * (e->attitude[i] - turned[i] / det + SP_COMMAND_DELAY * e->omega_b[i]);
+        e->omega_b[i] *= share;
+        state->omega_b[i] = turning[i];
+    }
+}
+
 /* ---- joint motion ---- */
 
 /* Compute the next joint command on the straight line to the target, and its rate. */
@@ -139,7 +286,7 @@ void sp_flight_reset(const sp_robot *robot, sp_flight *f, const sp_robot_state *
     if (trim == NULL) return;
     /* Initialise integrals to the known trim wrench, less the share that the observer cancels. */
     sp_snapshot *s = &f->control.snapshot;
-    double R[9], force[3], torque[3], adjugate[9], angular[3];
+    double R[9], force[3], torque[3], angular[3];
     double of_force = 1.0 - f->config.compensation.observer_gain;
     double of_torque = 1.0 - sp_torque_observer_gain(&f->config.compensation);
     sp_from_quat(state->quat_wb, R);
@@ -150,11 +297,7 @@ void sp_flight_reset(const sp_robot *robot, sp_flight *f, const sp_robot_state *
         m->compensation.external_w[i] = m->compensation.residual_w[i] = -force[i];
         m->compensation.external_w[3 + i] = m->compensation.residual_w[3 + i] = -torque[i];
     }
-    /* Solve I α = τ by Cramer's rule. */
-    const double *I = s->inertia_c;
-    for (int k = 0; k < 3; k++) sp_cross(I + 3 * ((k + 1) % 3), I + 3 * ((k + 2) % 3), adjugate + 3 * k);
-    double det = sp_dot(I, adjugate);
-    sp_apply_t(adjugate, trim + 3, angular);
+    double det = solve(s->inertia_c, trim + 3, angular);
     for (int i = 0; i < 3; i++) {
         double kf = f->config.centroidal.position_gains[3 * i + 1], kt = f->config.centroidal.attitude_gains[3 * i + 1];
         m->position_integral_w[i] = kf > 0.0 ? of_force * force[i] / s->mass / kf : 0.0;
@@ -273,7 +416,12 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     residual = sp_usable_residual(residual);
     if (control == NULL) sp_compute_state(robot, state, reference, &f->control);
     else f->control = *control;
-    if (f->config.quasi_static) remove_joints(state, &f->control);
+    sp_robot_state seen = *state; /* as it is fed back */
+    if (f->config.motion == SP_CONTROLLER_CONFIG_MOTION_QUASI_STATIC) remove_joints(state, &f->control);
+    else if (f->config.motion == SP_CONTROLLER_CONFIG_MOTION_OBSERVED) {
+        if (reference->support > 0.0) memset(&m->motion, 0, sizeof m->motion); /* the floor's force is no disturbance */
+        else feed_whole_motion(robot, f, reference, &seen);
+    }
     double target[SP_JOINTS], joints[SP_JOINTS], speed[SP_JOINTS], led[SP_FORCES];
     const double *forces, lead = f->config.compensation.vectoring_lead;
     sp_lock lock;
@@ -281,8 +429,8 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     for (int j = 0; j < SP_JOINTS; j++) target[j] = reference->joint_target[j] + residual->joint_offset[j];
     plan_joints(robot, f, target, residual->joint_speed_scale, joints, speed);
     if (!(reference->support > 0.0)) integrate(m, &f->control.error, f->dt, f->config.centroidal.max_integration_speed);
-    desired_wrench(robot, &f->control, state->omega_b, m, &f->config.centroidal, f->wrench_desired);
-    sp_compensate(robot, f, state, reference, joints, f->wrench_desired);
+    desired_wrench(robot, &f->control, seen.omega_b, m, &f->config.centroidal, f->wrench_desired);
+    sp_compensate(robot, f, &seen, reference, joints, f->wrench_desired);
     for (int k = 0; k < 6; k++) f->wrench_desired[k] += residual->wrench[k];
     flight_demand(f, state, reference, &lock, &bounds);
     sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, &f->config.allocator, room, &f->allocation);

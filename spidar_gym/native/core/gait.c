@@ -178,7 +178,30 @@ static void stance(const sp_robot *robot, sp_crawl *crawl, const sp_step *step, 
     sp_zero(m->expected, 3);
     m->lift = (step->has_height ? step->height : crawl->config.gait.lift_height) * residual->lift_scale;
     while (m->lift > SP_GAIT_LEAST_LIFT && !torso_angles(robot, m, 1.0, m->lift, q)) m->lift *= SP_GAIT_SHORTEN;
+    while (crawl->config.gait.corrections > 0 && length(m->way.x, m->way.y) + fabs(m->way.yaw) > 1e-6) {
+        if (torso_angles(robot, m, 1.0, m->lift, q) && torso_angles(robot, m, 1.0, -crawl->config.gait.press, q)) break;
+        m->way = arc(m->way, SP_GAIT_SHORTEN);
+    }
     sp_copy(m->target, torso_angles(robot, m, 1.0, 0.0, q) ? q : m->plan, SP_JOINTS);
+}
+
+/* Whether the present cycle is the last one of all moves in the queue that follow each other. */
+static int is_last(const sp_gait_memory *m)
+{
+    return m->count <= 1 || !m->steps[(m->first + 1) % SP_MAX_STEPS].has_target;
+}
+
+/* Return how far the torso has missed the goal of a move in its last cycle, half a radian is a metre [m]; 0 where it
+ * has not, or no correction is left. */
+static double missed(const sp_crawl *crawl)
+{
+    const sp_gait_memory *m = &crawl->gait;
+    const sp_step *step = &m->steps[m->first];
+    if (!step->has_target || m->corrected >= crawl->config.gait.corrections || !is_last(m)) return 0.0;
+    sp_pose2 here = planar_pose(m->position_w, m->R_wb);
+    double turn = fabs(wrapped(step->target.yaw - here.yaw));
+    double distance = length(step->target.x - here.x, step->target.y - here.y);
+    return distance > SP_GAIT_MISSED || turn > SP_GAIT_MISSED_TURN ? sp_max(distance, 0.5 * turn) : 0.0;
 }
 
 /* Begin a phase of the present step; after its last phase begin the next step, or finish. */
@@ -187,15 +210,24 @@ static void enter(const sp_robot *robot, sp_crawl *crawl, int index, const sp_re
     sp_gait_memory *m = &crawl->gait;
     sp_step *step = step_at(m, 0);
     if (SP_STEP_PHASES[step->phases][index] < 0) {
-        m->first = (m->first + 1) % SP_MAX_STEPS;
-        m->count--;
+        double miss = missed(crawl);
+        index = 0;
+        if (miss > 0.0) {
+            m->corrected++;
+            /* Feet that stand where they should move the torso over this distance without steps. */
+            if (miss <= crawl->config.gait.trim_limit)
+                while (SP_STEP_PHASES[step->phases][index] != SP_BRACE) index++;
+        } else {
+            m->corrected = 0;
+            m->first = (m->first + 1) % SP_MAX_STEPS;
+            m->count--;
+        }
         if (m->count == 0) {
             m->phase = SP_DONE;
             m->index = 0;
             m->time = 0.0;
             return;
         }
-        index = 0;
         step = step_at(m, 0);
     }
     int phase = SP_STEP_PHASES[step->phases][index];
@@ -252,6 +284,16 @@ static double pose_error(const sp_gait_memory *m, double *error)
     return fabs(m->height - seen[2]);
 }
 
+/* Whether corrections are left to do what the torso, at rest for `stall_time`, has not done. */
+static int stalled(sp_crawl *crawl)
+{
+    sp_gait_memory *m = &crawl->gait;
+    double away = 0.0;
+    if (crawl->config.gait.corrections == 0) return 0;
+    for (int i = 0; i < 3; i++) away = sp_max(away, fabs(m->position_w[i] - m->slow_w[i]));
+    return still(m, away < SP_GAIT_AGREE, crawl->config.gait.stall_time, crawl->dt);
+}
+
 static int ended(sp_crawl *crawl, double joint_rate)
 {
     sp_gait_memory *m = &crawl->gait;
@@ -282,21 +324,30 @@ static int ended(sp_crawl *crawl, double joint_rate)
     case SP_LOWER: {
         double off = 0.0;
         for (int j = 0; j < SP_JOINTS; j++) off = sp_max(off, fabs(m->plan[j] - m->landing[j]));
-        return still(m, off < 1e-9 && farthest(step, m->joints, m->landing, 2) < 3.0 * SP_GAIT_NEAR && quiet,
-                     c->leg_touch_time, dt);
+        int there = off < 1e-9 && farthest(step, m->joints, m->landing, 2) < 3.0 * SP_GAIT_NEAR;
+        if (there && !quiet && c->corrections > 0) {
+            m->still += SP_GAIT_SWINGING * dt;
+            return m->still >= c->leg_touch_time - 1e-9;
+        }
+        return still(m, there && quiet, c->leg_touch_time, dt);
     }
     case SP_UP: return m->height >= c->forward_at * m->lift - 1e-9;
-    case SP_FORWARD:
+    case SP_FORWARD: {
         if (m->share < c->down_at - 1e-9) return 0;
         pose_error(m, error);
+        sp_pose2 wanted = arc(m->way, m->share); /* ahead of the torso, which would be lowered short of the goal */
+        int ahead = c->corrections > 0 && is_last(m) &&
+                    length(wanted.x - m->expected[0], wanted.y - m->expected[1]) > c->arrival;
         /* An error beyond the trim remains for the next cycle. */
-        return (length(error[0], error[1]) <= c->arrival && fabs(error[2]) <= c->arrival) || c->down_at < 1.0 ||
-               m->time >= 0.5 * c->timeout;
+        return (length(error[0], error[1]) <= c->arrival && fabs(error[2]) <= c->arrival && !ahead) ||
+               c->down_at < 1.0 || m->time >= 0.5 * c->timeout || stalled(crawl);
+    }
     case SP_DOWN: {
         double d[3], up[3] = {m->floor_R[2], m->floor_R[5], m->floor_R[8]};
         depth = pose_error(m, error);
         for (int i = 0; i < 3; i++) d[i] = m->position_w[i] - m->slow_w[i];
         int planned = m->height <= -c->press + 1e-9 && m->share >= 1.0;
+        if (!planned && c->corrections > 0) return stalled(crawl);
         return still(m, planned && fabs(sp_dot(d, up)) < SP_GAIT_AGREE && depth < SP_GAIT_MAX_DEPTH,
                      c->torso_touch_time, dt);
     }

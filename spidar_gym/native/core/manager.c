@@ -369,7 +369,7 @@ static void refer(const sp_manager *m, const sp_robot_state *state, sp_reference
 }
 
 /* Limit the rate of Σλ near the floor and at the start of the climb, so that foot contacts cause no jump. */
-static void limit(const sp_robot *robot, const sp_manager *m, sp_command *command)
+static void limit(const sp_robot *robot, sp_manager *m, sp_command *command)
 {
     int32_t phase = m->memory.phase;
     double total = 0.0, slew = m->config.most_slew, before = m->memory.thrust;
@@ -379,6 +379,10 @@ static void limit(const sp_robot *robot, const sp_manager *m, sp_command *comman
     if (!(near_floor || lifts) || total <= 0.0) return;
     double share = sp_min(sp_max(total, before - slew), before + slew) / total;
     for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] = sp_min(robot->max_thrust, command->thrust[i] * share);
+    if (m->flight.config.motion == SP_CONTROLLER_CONFIG_MOTION_OBSERVED) { /* the observer takes note */
+        for (int i = 0; i < SP_FORCES; i++) m->flight.memory.forces_l[i] *= share;
+        for (int i = 0; i < 6; i++) m->flight.allocation.wrench[i] *= share;
+    }
 }
 
 /* ---- commands ---- */

@@ -19,6 +19,7 @@
 #define SP_BODIES 33
 #define SP_POSE_FRAMES 4
 #define SP_IMU_SAMPLES 8
+#define SP_COMMANDS 4
 #define SP_MAX_ENTRIES 48
 #define SP_NETWORK_BLOCK 32
 #define SP_MODE_COSTS 4
@@ -39,6 +40,13 @@
 #define SP_MISSED_TORQUE 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.flight.centroidal.MISSED_TORQUE */
 #define SP_MAX_EXTERNAL_SHARE 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.compensation.MAX_EXTERNAL_SHARE */
 #define SP_MAX_EXTERNAL_TORQUE 0x1.4000000000000p+3 /* 10.0, spidar_gym.control.flight.compensation.MAX_EXTERNAL_TORQUE */
+#define SP_BEND_TIME 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.flight.motion.BEND_TIME */
+#define SP_MOMENTUM_TIME 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.flight.motion.MOMENTUM_TIME */
+#define SP_ROTOR_LAG 0x1.47ae147ae147bp-5 /* 0.04, spidar_gym.control.flight.motion.ROTOR_LAG */
+#define SP_COMMAND_DELAY 0x1.eb851eb851eb8p-6 /* 0.03, spidar_gym.control.flight.motion.COMMAND_DELAY */
+#define SP_RINGING 0x1.3333333333333p-3 /* 0.15, spidar_gym.control.flight.motion.RINGING */
+#define SP_RINGING_TIME 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.flight.motion.RINGING_TIME */
+#define SP_LEAST_SHARE 0x1.3333333333333p-3 /* 0.15, spidar_gym.control.flight.motion.LEAST_SHARE */
 #define SP_INFINITY 0x1.93e5939a08ceap+99 /* 1e+30, spidar_gym.control.allocation.problem.INFINITY */
 #define SP_DUAL_TOLERANCE 0x1.ad7f29abcaf48p-24 /* 1e-07, spidar_gym.control.allocation.solver.DUAL_TOLERANCE */
 #define SP_RHO 0x1.0000000000000p+0 /* 1.0, spidar_gym.control.allocation.solver.RHO */
@@ -120,11 +128,14 @@ static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.80000000000
 #define SP_GAIT_AGREE 0x1.47ae147ae147bp-9 /* 0.0025, spidar_gym.control.crawl.gait.AGREE */
 #define SP_GAIT_NEAR 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.crawl.gait.NEAR */
 #define SP_GAIT_STILL 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.crawl.gait.STILL */
+#define SP_GAIT_SWINGING 0x1.3333333333333p-3 /* 0.15, spidar_gym.control.crawl.gait.SWINGING */
 #define SP_GAIT_MAX_DEPTH 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.crawl.gait.MAX_DEPTH */
 #define SP_GAIT_RESPONSE_TIME 0x1.5c28f5c28f5c3p-3 /* 0.17, spidar_gym.control.crawl.gait.RESPONSE_TIME */
 #define SP_GAIT_SHORTEN 0x1.e666666666666p-1 /* 0.95, spidar_gym.control.crawl.gait.SHORTEN */
 #define SP_GAIT_LEAST_LIFT 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.control.crawl.gait.LEAST_LIFT */
 #define SP_GAIT_TRIAL 0x1.0624dd2f1a9fcp-9 /* 0.002, spidar_gym.control.crawl.gait.TRIAL */
+#define SP_GAIT_MISSED 0x1.89374bc6a7efap-8 /* 0.006, spidar_gym.control.crawl.gait.MISSED */
+#define SP_GAIT_MISSED_TURN 0x1.89374bc6a7efap-7 /* 0.012, spidar_gym.control.crawl.gait.MISSED_TURN */
 
 /* Blocks of cost. */
 typedef enum {
@@ -190,6 +201,8 @@ typedef enum {
 enum { SP_REFERENCE_MODE_FLIGHT = 0, SP_REFERENCE_MODE_FLIGHT_UNRESTRICTED = 1 };
 
 enum { SP_CONTROLLER_CONFIG_ALLOCATION_PAPER = 0, SP_CONTROLLER_CONFIG_ALLOCATION_AS_FLOWN = 1 };
+
+enum { SP_CONTROLLER_CONFIG_MOTION_COMPLETE = 0, SP_CONTROLLER_CONFIG_MOTION_QUASI_STATIC = 1, SP_CONTROLLER_CONFIG_MOTION_OBSERVED = 2 };
 
 enum { SP_GAIT_CONFIG_STRIDE_CENTRED = 0, SP_GAIT_CONFIG_STRIDE_HOME = 1 };
 

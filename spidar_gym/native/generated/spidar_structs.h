@@ -187,7 +187,7 @@ typedef struct {
 /* Configuration of the flight controller. */
 typedef struct {
     int32_t allocation; /* Name of the allocation's blocks, see `spidar_gym.control.allocation.modes.ALLOCATIONS`. */
-    int32_t quasi_static; /* Whether the controller computes the velocity of {CoG} without the share of the moving joints [JSK]. */
+    int32_t motion; /* Motion that is fed back: `complete`; `quasi_static`, the velocity of {CoG} without the share of the moving joints [JSK]; `observed`, that of the whole robot with legs that bend, see `spidar_gym.control.flight.motion`. */
     double joint_speed; /* Speed of the planned joint motion [rad/s]; the servos have the same limit. */
     double joint_torque_limit; /* Torque that each joint servo may use [Nm]. */
     double rate_hz; /* Control rate [Hz]. */
@@ -203,6 +203,7 @@ typedef struct {
     double inner; /* Inner pitch of the start pose, which defines the feet's home on the floor [rad]. */
     double outer; /* Outer pitch of the start pose [rad]. */
     int32_t stride; /* Stride scheme, one of `STRIDES`. */
+    int32_t corrections; /* Largest number of corrections that are added to a move that has missed its goal: the torso is lifted and moved once more, after a step of all legs where it is farther from its goal than `trim_limit`. With them, a torso that is out of its goal's reach moves as far as it can, and one that is still short of it does not wait for the time-out. */
     double max_distance; /* Longest displacement of a cycle [m]; the reach may allow less. */
     double max_turn; /* Largest turn of a cycle [rad]. */
     double raise_angle; /* The inner pitch rises this far above the higher of start and end of the step [rad] [JSK]. */
@@ -395,6 +396,18 @@ typedef struct {
     double delivered_w[6], external_w[6], residual_w[6], fed_w[6], slow_w[6]; /* wrenches, world axes */
 } sp_compensation_memory;
 
+/* State of the observer of the whole robot's motion between ticks. */
+typedef struct {
+    int32_t has_sag; /* whether a previous tick exists */
+    double sag[16], plan[16]; /* slow part of the joints' deviation from their plan; that plan [rad] */
+    double thrust[8]; /* according to the model of the rotors [N] */
+    double commands[4][14]; /* thrusts [N], wrench less the weight, world axes, latest first */
+    double momentum_w[6]; /* linear and angular momentum of the robot, world axes [Ns, Nms] */
+    double external_w[6]; /* wrench, world axes */
+    double legs[3]; /* angular momentum of the planned joint motion, torso axes [Nms] */
+    double ringing; /* largest rate at which a joint bent, fading [rad/s] */
+} sp_motion_memory;
+
 /* State of the flight controller between ticks. */
 typedef struct {
     double position_integral_w[3], attitude_integral[3]; /* [m s], [rad s] */
@@ -406,6 +419,7 @@ typedef struct {
     double unallocated_w[3], unallocated_torque[3]; /* of the last tick, world [N]; torso axes [Nm] */
     double joint_velocity[16]; /* rate of q^d [rad/s] */
     sp_compensation_memory compensation;
+    sp_motion_memory motion;
 } sp_flight_memory;
 
 /* Quantities that the controller computes from a state. */
@@ -471,7 +485,7 @@ typedef struct {
     double expected[3]; /* filtered pose according to the plan */
     double yaw; /* filtered yaw of the torso [rad] */
     double trim[3]; /* offset of the torso that the legs add to its plan */
-    int32_t rested, timeouts; /* whether it starts from rest; phases that ended by time-out */
+    int32_t rested, timeouts, corrected; /* whether it starts from rest; phases ended by time-out; cycles added */
     sp_pose2 planned; /* pose at the end of all commands, world */
 } sp_gait_memory;
 

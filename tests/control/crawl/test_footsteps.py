@@ -22,7 +22,8 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.robot import N_LEGS, ROBOT
 
-LENGTHS = [f.name for f in fields(GaitConfig) if f.name not in ("inner", "outer", "stride", "rolling", "robot")]
+NO_LENGTHS = ("inner", "outer", "stride", "corrections", "rolling", "robot")
+LENGTHS = [f.name for f in fields(GaitConfig) if f.name not in NO_LENGTHS]
 CONFIGS = [
     GaitConfig(),
     GaitConfig(stride="home"),

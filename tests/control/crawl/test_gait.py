@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from support.gaits import DT, EXACT, FORWARD, SPEED, WAYS, World, feet_of
 
-from spidar_gym.control.crawl.footsteps import Lift, Move, Stand, lying_pose
+from spidar_gym.control.crawl.footsteps import GaitConfig, Lift, Move, Stand, largest_stride, lying_pose
 from spidar_gym.control.crawl.gait import nominal_time
 from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import N_LEGS, ROBOT
 from spidar_gym.state import Residual
 
@@ -223,3 +224,22 @@ def test_phases_that_overlap_take_less_time_and_end_in_the_same_place():
     assert np.all(world.missed(moves[0].way) < 1e-3)
     assert world.slip < 0.0015
     assert nominal_time(EXACT, moves, joint_speed=2.0 * SPEED, dt=DT) < 0.8 * times[1]
+
+
+@pytest.mark.parametrize(("lift", "least"), [(0.1, 24.0), (0.025, 21.0)])
+def test_one_phase_after_the_other_takes_longer_than_the_papers_20_s_whatever_the_start_pose(lift, least):
+    """At the paper's joint speed of 0.2 rad/s, with the longest strides in reach and no waiting."""
+    times = []
+    for inner in (-0.8, -0.65, -0.55, -0.4):
+        for outer in (1.1, 1.2, 1.25, 1.3, 1.4):
+            try:
+                config = GaitConfig(
+                    inner=inner, outer=outer, lift_height=lift, max_distance=0.4, spool_time=0.0, start_time=0.12,
+                    settle_time=0.0, leg_touch_time=0.1, torso_touch_time=0.1, arrival=0.01,
+                )  # fmt: skip
+            except InvalidValueError:
+                continue
+            if largest_stride(config, Pose2(0.6)) >= 0.5:  # two strides
+                times.append(nominal_time(config, [Move(Pose2(0.6))], joint_speed=0.2, dt=DT))
+    assert len(times) > 3
+    assert least < min(times) < least + 1.0

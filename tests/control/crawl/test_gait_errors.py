@@ -10,7 +10,7 @@ import pytest
 from support.gaits import DT, EXACT, FORWARD, SPEED, WAYS, World
 
 from spidar_gym.control.crawl.footsteps import GaitConfig, Lift, Move, Stand, lying_pose
-from spidar_gym.control.crawl.gait import Gait
+from spidar_gym.control.crawl.gait import MISSED, Gait
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import ROBOT
@@ -143,6 +143,67 @@ def test_the_trim_is_limited():
     world = Lagging(replace(EXACT, trim_gain=2.0, trim_limit=0.004), lost=0.05).run(FORWARD)
     # 4 mm more than planned, 5 % of it lost.
     assert world.missed(FORWARD.way)[0] == pytest.approx(0.2 - 0.95 * 0.204, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("corrections", "cycles", "missed"), [(0, 1, 0.04), (1, 2, 0.008), (2, 3, 0.0016), (5, 3, 0.0016)]
+)
+def test_cycles_are_added_until_the_goal_is_reached_or_none_is_left(corrections, cycles, missed):
+    way = Pose2(0.2, 0.0)
+    world = World(replace(EXACT, corrections=corrections), lost=0.2).run(Move(way))
+    assert math.hypot(*world.missed(way)[:2]) == pytest.approx(missed, abs=1e-3)
+    assert world.phases.count("forward") == cycles
+    assert world.gait.memory.corrected == 0
+
+
+def test_a_correction_moves_the_feet_only_where_the_miss_is_larger_than_the_trim():
+    for lost, steps in ((0.1, 1), (0.2, 2)):  # of 0.2 m: 20 mm, and 40 mm
+        world = World(replace(EXACT, corrections=1), lost=lost).run(FORWARD)
+        assert world.phases.count("forward") == 2
+        assert world.phases.count("swing") == steps
+        assert math.hypot(*world.missed(FORWARD.way)[:2]) == pytest.approx(0.2 * lost**2, abs=1e-3)
+        assert world.slip < 0.0015
+
+
+@pytest.mark.parametrize(("corrections", "timeouts"), [(0, 1), (1, 0)])
+def test_feet_that_swing_about_their_targets_do_not_hold_a_correcting_gait_up(corrections, timeouts):
+    class Swinging(World):
+        """Lowered legs that swing by 15 mrad at 2 Hz for ever, as servos that hardly damp do with a late feedback."""
+
+        def servo(self, plan):
+            if self.gait.memory.phase != "lower":
+                return plan
+            return plan + 0.015 * math.sin(4.0 * math.pi * self.gait.memory.time)
+
+    world = Swinging(replace(EXACT, corrections=corrections, timeout=6.0)).run(Lift((0, 1), angle=0.3, seconds=0.1))
+    assert world.gait.memory.timeouts == timeouts
+
+
+def test_a_move_that_others_follow_is_corrected_by_them():
+    way = Pose2(0.2, 0.0)
+    world = World(replace(EXACT, corrections=5), lost=0.2).run(Move(way), Move(Pose2(0.1)))
+    assert world.gait.done
+    assert math.hypot(*world.missed(Pose2(0.3, 0.0))[:2]) < MISSED + 1e-3
+
+
+def test_a_torso_that_is_stuck_does_not_wait_for_the_time_out_if_corrections_are_left():
+    class Stuck(World):
+        """A torso that stays where it is in the first cycle."""
+
+        def _stand(self, before):
+            here = self.position.copy()
+            super()._stand(before)
+            if self.gait.memory.corrected == 0:
+                self.position[:2] = here[:2]
+
+    times = {}
+    for corrections in (0, 1):
+        world = Stuck(replace(EXACT, corrections=corrections)).run(FORWARD)
+        times[corrections] = len(world.during("forward")) * DT
+        missed = math.hypot(*world.missed(FORWARD.way)[:2])
+        assert missed == pytest.approx(0.0 if corrections else 0.2, abs=0.01)
+    assert times[0] == pytest.approx(0.5 * EXACT.timeout, abs=0.1)
+    assert times[1] < 2.0 * (times[0] - 1.0)  # in two cycles
 
 
 @pytest.mark.parametrize("rolling", [False, True])

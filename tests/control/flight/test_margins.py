@@ -129,6 +129,8 @@ def test_a_loop_that_is_unstable_has_no_margins():
 
 def test_every_preset_keeps_the_margins_that_tuning_demands():
     for name in PRESETS:
+        if PRESETS[name].motion == "observed":
+            continue  # its margins know the legs: tests/native/test_margins.py
         assert shortfall(loops(controller_config(name))) == 0.0
 
 

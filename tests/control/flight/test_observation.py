@@ -12,6 +12,7 @@ from support.states import model, resting, staying
 from spidar_gym.control.flight.centroidal import Integrals
 from spidar_gym.control.flight.compensation import fresh_compensation
 from spidar_gym.control.flight.controller import FlightController, FlightMemory
+from spidar_gym.control.flight.motion import fresh_motion
 from spidar_gym.control.flight.observation import FlightObservables, layout, observe
 from spidar_gym.envs.actions import ACTION_MODES
 from spidar_gym.model.interference import no_interference
@@ -43,7 +44,7 @@ def seen(controller, state, reference=None, **parts) -> dict[str, np.ndarray]:
     memory = FlightMemory(
         Lock(NONE, NONE, np.zeros(8)), no_interference(), np.zeros((8, 2)), np.zeros((8, 3)),
         Integrals(np.zeros(3), np.zeros(3)), np.zeros(16), np.zeros(3), np.zeros(3), np.zeros(16),
-        fresh_compensation(np.zeros(16), np.zeros(6)),
+        fresh_compensation(np.zeros(16), np.zeros(6)), fresh_motion(),
     )  # fmt: skip
     memory = replace(memory, **parts.pop("memory", {}))
     zero = {

@@ -14,11 +14,12 @@ from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig, form_radius
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError
+from spidar_gym.model.rotor import thrust_map
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.ground import TILES, GroundConfig
 from spidar_gym.so3 import exp
-from spidar_gym.state import Command
-from spidar_gym.studies.hops import CONFIG, HOP, NEAR_FLOOR, Trip
+from spidar_gym.state import NO_RESIDUAL, Command
+from spidar_gym.studies.hops import HOP, NEAR_FLOOR, Trip, manager_config
 
 FLOORS = {
     "flat": GroundConfig(),
@@ -77,6 +78,25 @@ def test_up_and_down_again_on_any_floor(floor):
     risen = np.array(seen.position_w)[:, 2].max() - seen.position_w[0][2]
     assert risen == pytest.approx(1.0, abs=0.03)
     assert np.hypot(*(seen.position_w[-1] - seen.position_w[0])[:2]) < 0.08
+
+
+def test_the_observer_of_the_motion_knows_the_limited_thrusts():
+    limited = []
+
+    class Watched(Manager):
+        def step(self, state, residual=NO_RESIDUAL):
+            command, memory = super().step(state, residual), self.flight.memory
+            if self.phase == "descend":
+                allocated = self.flight.last_step.allocation
+                limited.append(float(allocated.thrust.sum() - command.thrust.sum()))
+                np.testing.assert_allclose(np.linalg.norm(memory.forces_l, axis=1), command.thrust, rtol=1e-9)
+                snapshot = self.flight.last_step.control_state.snapshot
+                Q = thrust_map(snapshot.R_bl, snapshot.rotor_c)
+                np.testing.assert_allclose(Q @ memory.forces_l.reshape(-1), allocated.wrench, atol=1e-6)
+            return command
+
+    Trip(1, strength=1.0, sense=True, wind=2.0, manager=Watched(manager_config("steady"))).fly(HOP)
+    assert np.abs(limited).max() > 1.0
 
 
 @pytest.mark.slow
@@ -222,7 +242,7 @@ def falling(manager, state, **changes):
 
 def test_a_descent_is_resumed_when_a_detected_floor_gives_way():
     """A robot held up by a gust detects a floor, and resumes its descent when it falls."""
-    mission = Trip(0)
+    mission = Trip(0, manager=Manager(manager_config("tuned")))
     mission.manager.reset(mission.seen, HOP)
     mission.until("descend", 60)
     state, manager = mission.state, mission.manager
@@ -300,7 +320,7 @@ def test_an_invalid_command_is_refused_in_one_line(build, words):
     ],
 )
 def test_what_cannot_follow_is_refused_and_nothing_has_changed(commands, words):
-    manager = Manager(CONFIG)
+    manager = Manager(manager_config("tuned"))
     manager.reset(Trip(0).state, [CrawlTo(Pose2(0.1, 0.0, 0.0))])
     for tell in (manager.command, manager.interrupt):
         with pytest.raises(InvalidValueError, match=words):
