@@ -83,7 +83,7 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("COURSE_", course_observation, ("SEEN",)),
     ("RULE_", rule, ("FLOWN", "CRAWLED", "PASSED", "OVER", "ABOVE", "THROUGH", "SLOW", "FAST", "CRAWLS", "NEAR",
                      "BENEATH", "ALIGNED", "FORMED")),
-    ("MANAGER_", manager, ("LEVEL_FROM", "LEVEL_TO", "LEAST_WAY", "ARRIVED", "PATIENCE")),
+    ("MANAGER_", manager, ("LEVEL_FROM", "LEVEL_TO", "NEAR_FLOOR", "LEAST_WAY", "ARRIVED", "PATIENCE")),
     ("PATH_", path, ("EASE", "DETOUR", "RUN_AHEAD", "TOGETHER", "LEAST_SECONDS", "FADE", "REST",
                "TURN_RATE", "KNOT_TIME", "PEAK", "DRIFT", "SWING", "SUBSTEPS", "AHEAD_STEP")),
     ("GAIT_", gait, ("FILTER_TIME", "SLOW_TIME", "AGREE", "NEAR", "STILL", "SWINGING", "MAX_DEPTH",

@@ -43,8 +43,8 @@ from spidar_gym.text import format_table
 
 IN_THE_AIR = ("climb", "hover", "form", "fly")
 """Phases whose position errors count as flight."""
-NEAR_FLOOR = ("spool", "descend", "unload")
-"""Phases in which Σλ changes at a bounded rate."""
+HAND_OVERS = ("spool", "unload")
+"""Phases in which Σλ changes at a bounded rate; in a descent it does so from the touch on."""
 SETTLING = 40
 """Ticks for which the robot lies on the floor before a course in process begins."""
 PERIOD = 1.0 / CONTROL_RATE
@@ -231,19 +231,23 @@ def course_in_process(mission: Mission, seed: int, robots: Randomization = NOT_S
     return CourseLog(**columns(kept))
 
 
+def _touched(log: CourseLog) -> np.ndarray:
+    """Return the ticks of descents from the first touch on (n,)."""
+    found, touched = np.zeros(len(log.phase), bool), False
+    for k, (phase, in_contact) in enumerate(zip(log.phase, log.in_contact, strict=True)):
+        found[k] = touched = phase == "descend" and (touched or bool(in_contact))
+    return found
+
+
 def _touchdowns(log: CourseLog) -> list[float]:
     """Return the downward speed of the torso before the first touch of each descent [m/s]."""
-    found, touched = [], False
-    for phase, in_contact, fall in zip(log.phase, log.in_contact, log.fall, strict=True):
-        if phase == "descend" and in_contact and not touched:
-            found.append(float(fall))
-        touched = phase == "descend" and (touched or bool(in_contact))
-    return found
+    touched = _touched(log)
+    return log.fall[touched & ~np.r_[False, touched[:-1]]].tolist()
 
 
 def course_figures(log: CourseLog, mission: Mission) -> dict[str, Any]:
     """Compute the figures of a course: flight, touchdown and crawl."""
-    flown, near = np.isin(log.phase, IN_THE_AIR), np.isin(log.phase, NEAR_FLOOR)[1:]
+    flown, near = np.isin(log.phase, IN_THE_AIR), (np.isin(log.phase, HAND_OVERS) | _touched(log))[1:]
     error = (log.asked_w - log.com_w)[flown]
     landed = np.flatnonzero(np.isin(log.phase, ("unload",)))
     places = [command.position_w for command in mission.commands if isinstance(command, FlyTo)]

@@ -126,7 +126,7 @@ def order_line(command: LocomotionCommand) -> str:
 
 
 def course_mission(
-    commands: Iterable[LocomotionCommand] | None = None, preset: str = "steady", crawler: str = "robust_overlapped", *,
+    commands: Iterable[LocomotionCommand] | None = None, preset: str = "steady", crawler: str = "steady_crawl", *,
     seconds: float = 120.0, odometry: bool = False,
     orders: tuple[tuple[float, str], ...] = (),
 ) -> Mission:  # fmt: skip
@@ -154,7 +154,7 @@ def course_mission(
 
 
 def map_mission(
-    course: Course, preset: str = "steady", crawler: str = "robust_overlapped", *, odometry: bool = False,
+    course: Course, preset: str = "steady", crawler: str = "steady_crawl", *, odometry: bool = False,
     orders: tuple[tuple[float, str], ...] = (),
 ) -> Mission:  # fmt: skip
     """Build a course of gates for which the runner derives its commands from the map, at Course-v0's joint speeds.

@@ -13,7 +13,7 @@ from spidar_gym.control.crawl.footsteps import lying_pose
 from spidar_gym.control.estimator import Estimator
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.locomotion.commands import Land, LocomotionCommand, TakeOff
-from spidar_gym.control.locomotion.manager import Manager
+from spidar_gym.control.locomotion.manager import NEAR_FLOOR, Manager
 from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import SpidarError
@@ -34,8 +34,8 @@ HOP = (TakeOff(1.0), Land())
 """Commands of a hop: from the floor to a hover at 1 m and back."""
 PRESET = "steady"
 """Default preset of the flight controller."""
-NEAR_FLOOR = ("spool", "descend", "unload")
-"""Phases in which the robot's weight changes between floor and rotors."""
+HAND_OVERS = ("spool", "descend", "unload")
+"""Phases in which the robot's weight changes between floor and rotors; of a descent its end."""
 SETTLING = 40
 """Ticks on the floor before the first command."""
 LONGEST = 100.0
@@ -57,6 +57,8 @@ class Seen:
     """One of `PHASES`."""
     position_w: list[np.ndarray] = field(default_factory=list)
     """True position of the torso, world, shape (3,) [m]."""
+    free: list[bool] = field(default_factory=list)
+    """Whether the robot descends higher than half of `NEAR_FLOOR` above the expected floor."""
     tilt: list[float] = field(default_factory=list)
     """Angle between the torso's axis and the vertical [rad]."""
     against_floor: list[float] = field(default_factory=list)
@@ -83,6 +85,8 @@ class Seen:
     def steps(self, *phases: str, after: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Return the changes of the commands in every tick of these phases, relative to the tick before.
 
+        Ticks of a descent in free air are left out.
+
         Args:
             phases: Names of the phases.
             after: Whether to include the tick after each phase.
@@ -90,7 +94,7 @@ class Seen:
         Returns:
             Changes of Σλ, shape (k,) [N], and largest changes of a vectoring angle, shape (k,) [rad].
         """
-        during = self.during(*phases)
+        during = self.during(*phases) & ~np.array(self.free)
         chosen = during[1:] | (during[:-1] & after)
         thrust, vectoring = np.abs(np.diff(self.thrust)), np.abs(np.diff(self.vectoring, axis=0))
         return thrust[chosen], vectoring.max(axis=(1, 2))[chosen]
@@ -156,11 +160,18 @@ class Trip:
         R_wb = quat_to_matrix(self.state.quat_wb)
         seen.time.append(len(seen.time) / CONTROL_RATE)
         seen.phase.append(m.phase)
+        seen.free.append(m.phase == "descend" and self._height() > m.floor + 0.5 * NEAR_FLOOR)
         seen.position_w.append(self.state.position_w)
         seen.tilt.append(math.acos(min(1.0, float(R_wb[2, 2]))))
         seen.against_floor.append(math.acos(min(1.0, float(R_wb[:, 2] @ self.ground.R_wf[:, 2]))))
         seen.thrust.append(float(command.thrust.sum()))
         seen.vectoring.append(command.vectoring)
+
+    def _height(self) -> float:
+        """Return the height of the centre of mass [m]."""
+        state, model = self.state, self.manager.model
+        R_wb = quat_to_matrix(state.quat_wb)
+        return float((state.position_w + R_wb @ model.snapshot(state.joint_position, R_wb, state.vectoring).com_b)[2])
 
     def until(self, phase: str, ticks: int = 0) -> None:
         """Simulate until a phase begins, and `ticks` ticks more.
@@ -208,7 +219,7 @@ HOVERED = 10.0
 QUANTILE = 0.999
 """Quantile of the changes of Σλ over all robots that is reported."""
 LARGEST_STEP = 5.0
-"""Largest allowed change of Σλ per tick in `NEAR_FLOOR` for nominal robots [N]."""
+"""Largest allowed change of Σλ per tick in `HAND_OVERS` for nominal robots [N]."""
 BARS = {"touchdown_m_s": 0.35, "tilt_rad": 0.1, "slip_m": 0.05, "seconds": 15.0,
         "turn_rad": ROBOT.max_vectoring_speed / CONTROL_RATE}  # fmt: skip
 """Limits of a hop; the last is the largest motion of a vectoring servo in a tick."""
@@ -235,7 +246,7 @@ class Hop:
 def fly_hop(hop: Hop) -> dict[str, Any]:
     """Simulate a hop: whether the robot landed, the figures of `BARS`, and every change of Σλ [N].
 
-    `steps_n` are the changes in `NEAR_FLOOR`, `hover_steps_n` those of the same robot in a hover of `HOVERED` seconds.
+    `steps_n` are the changes in `HAND_OVERS`, `hover_steps_n` those of the same robot in a hover of `HOVERED` seconds.
     """
     strength = Randomization.parse(hop.world) if hop.world else hop.strength
     how: dict[str, Any] = dict(strength=strength, wind=hop.wind, sense=True)
@@ -252,7 +263,7 @@ def fly_hop(hop: Hop) -> dict[str, Any]:
         "slip_m": seen.slip,
         "seconds": LONGEST if seen.done is None else seen.done,
         "turn_rad": float(np.abs(np.diff(seen.vectoring, axis=0)).max()),
-        "steps_n": seen.steps(*NEAR_FLOOR, after=True)[0].tolist(),
+        "steps_n": seen.steps(*HAND_OVERS, after=True)[0].tolist(),
         "hover_steps_n": hovered.tolist(),
     }
 

@@ -12,8 +12,9 @@ from spidar_gym.studies.hops import BARS, LARGEST_STEP, Hop, Seen, fly_hop, hop_
 
 
 def test_changes_are_those_of_every_tick_of_a_phase_and_of_the_tick_that_follows():
-    seen = Seen(phase=["lie", "spool", "spool", "climb", "climb", "descend"], thrust=[0.0, 1.0, 3.0, 7.0, 15.0, 16.0])
-    seen.vectoring = [0.1 * k * np.ones((8, 2)) for k in range(6)]
+    phases = ["lie", "spool", "spool", "climb", "climb", "descend", "descend"]
+    seen = Seen(phase=phases, thrust=[0.0, 1.0, 3.0, 7.0, 15.0, 25.0, 26.0], free=[False] * 5 + [True, False])
+    seen.vectoring = [0.1 * k * np.ones((8, 2)) for k in range(7)]
     np.testing.assert_array_equal(seen.steps("spool")[0], [1.0, 2.0])
     steps, turns = seen.steps("spool", after=True)
     np.testing.assert_array_equal(steps, [1.0, 2.0, 4.0])

@@ -35,6 +35,8 @@ from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotSta
 
 LEVEL_FROM, LEVEL_TO = 0.05, 0.35
 """Heights above the lying position between which a robot from a slope becomes level [m]."""
+NEAR_FLOOR = 0.1
+"""Height of the reference above the expected floor below which a descent expects a contact [m]."""
 LEAST_WAY = 0.05
 """A shorter displacement does not define a heading [m]."""
 ARRIVED, PATIENCE = 0.05, 2.0
@@ -400,10 +402,16 @@ class Manager(Orders):
         return Command(thrust, memory.vectoring, memory.joint_position, np.full(16, limit))
 
     def _limited(self, command: Command) -> Command:
-        """Limit the rate of Σλ near the floor and into the climb, so that contacts of the feet cause no jumps."""
+        """Limit the rate of Σλ near the floor and into the climb, so that contacts of the feet cause no jumps.
+
+        In free air the limit makes the loop of the height oscillate where joints are badly damped. With observed motion
+        a descent is therefore limited only near the expected floor or at signs of one; older presets keep their results.
+        """
         memory, total = self.memory, float(command.thrust.sum())
         lifts = memory.phase == "climb" and memory.time <= self.dt
-        if not (memory.phase in ("spool", "descend", "unload") or lifts) or total <= 0.0:
+        is_near = memory.begin_w[2] < memory.floor + NEAR_FLOOR or memory.believed > 0.0
+        falls = memory.phase == "descend" and (is_near or self.config.flight.motion != "observed")
+        if not (memory.phase in ("spool", "unload") or falls or lifts) or total <= 0.0:
             return command
         slew, before = self.config.most_slew, memory.thrust
         share = min(max(total, before - slew), before + slew) / total

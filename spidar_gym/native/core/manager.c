@@ -368,18 +368,21 @@ static void refer(const sp_manager *m, const sp_robot_state *state, sp_reference
     }
 }
 
-/* Limit the rate of Σλ near the floor and at the start of the climb, so that foot contacts cause no jump. */
+/* Limit the rate of Σλ near the floor and at the start of the climb, so that foot contacts cause no jump; with observed
+   motion a descent is limited only near the expected floor or at signs of one. */
 static void limit(const sp_robot *robot, sp_manager *m, sp_command *command)
 {
     int32_t phase = m->memory.phase;
     double total = 0.0, slew = m->config.most_slew, before = m->memory.thrust;
     for (int i = 0; i < SP_ROTORS; i++) total += command->thrust[i];
     int lifts = phase == SP_MANAGER_CLIMB && m->memory.time <= m->flight.dt;
-    int near_floor = phase == SP_MANAGER_SPOOL || phase == SP_MANAGER_DESCEND || phase == SP_MANAGER_UNLOAD;
-    if (!(near_floor || lifts) || total <= 0.0) return;
+    int observed = m->flight.config.motion == SP_CONTROLLER_CONFIG_MOTION_OBSERVED;
+    int near = m->memory.begin_w[2] < m->memory.floor + SP_MANAGER_NEAR_FLOOR || m->memory.believed > 0.0;
+    int falls = phase == SP_MANAGER_DESCEND && (near || !observed);
+    if (!(phase == SP_MANAGER_SPOOL || phase == SP_MANAGER_UNLOAD || falls || lifts) || total <= 0.0) return;
     double share = sp_min(sp_max(total, before - slew), before + slew) / total;
     for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] = sp_min(robot->max_thrust, command->thrust[i] * share);
-    if (m->flight.config.motion == SP_CONTROLLER_CONFIG_MOTION_OBSERVED) { /* the observer takes note */
+    if (observed) { /* the observer takes note */
         for (int i = 0; i < SP_FORCES; i++) m->flight.memory.forces_l[i] *= share;
         for (int i = 0; i < 6; i++) m->flight.allocation.wrench[i] *= share;
     }

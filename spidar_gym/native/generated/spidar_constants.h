@@ -106,6 +106,7 @@ static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.80000000000
 #define SP_RULE_FORMED 0x1.eb851eb851eb8p-5 /* 0.06, spidar_gym.control.course.rule.FORMED */
 #define SP_MANAGER_LEVEL_FROM 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEVEL_FROM */
 #define SP_MANAGER_LEVEL_TO 0x1.6666666666666p-2 /* 0.35, spidar_gym.control.locomotion.manager.LEVEL_TO */
+#define SP_MANAGER_NEAR_FLOOR 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.locomotion.manager.NEAR_FLOOR */
 #define SP_MANAGER_LEAST_WAY 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEAST_WAY */
 #define SP_MANAGER_ARRIVED 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.ARRIVED */
 #define SP_MANAGER_PATIENCE 0x1.0000000000000p+1 /* 2.0, spidar_gym.control.locomotion.manager.PATIENCE */

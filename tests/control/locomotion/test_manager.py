@@ -19,7 +19,7 @@ from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.ground import TILES, GroundConfig
 from spidar_gym.so3 import exp
 from spidar_gym.state import NO_RESIDUAL, Command
-from spidar_gym.studies.hops import HOP, NEAR_FLOOR, Trip, manager_config
+from spidar_gym.studies.hops import HOP, HAND_OVERS, Trip, manager_config
 
 FLOORS = {
     "flat": GroundConfig(),
@@ -33,7 +33,7 @@ def landed(seen):
     assert seen.phase[-1] == "lie"
     assert 0.0 < seen.touchdown < 0.35
     assert seen.slip < 0.05
-    thrust, turn = seen.steps(*NEAR_FLOOR)
+    thrust, turn = seen.steps(*HAND_OVERS)
     assert thrust.max() <= 5.0 + 1e-9
     assert turn.max() <= ROBOT.max_vectoring_speed / 40.0 + 1e-9
     assert seen.thrust[-1] == 0.0
@@ -133,7 +133,7 @@ def test_it_lands_at_once_on_command(at):
     seen = Trip(0).fly(HOP, interrupt=(at, [Land()]))
     assert seen.phase[-1] == "lie"
     assert seen.done < 12.0
-    assert seen.steps(*NEAR_FLOOR)[0].max() <= 5.0 + 1e-9
+    assert seen.steps(*HAND_OVERS)[0].max() <= 5.0 + 1e-9
     if at == 0.7:
         assert seen.phases() == ["spool", "unload", "lie"]
 
@@ -206,7 +206,7 @@ def test_it_climbs_again_while_the_load_moves_to_the_floor():
         "spool", "climb", "hover", "form", "descend", "unload", "spool", "climb", "hover", "form", "descend", "unload",
         "lie",
     ]  # fmt: skip
-    assert seen.steps(*NEAR_FLOOR)[0].max() <= 5.0 + 1e-9
+    assert seen.steps(*HAND_OVERS)[0].max() <= 5.0 + 1e-9
     np.testing.assert_allclose(mission.state.position_w[:2], 0.0, atol=0.02)
 
 
