@@ -19,7 +19,7 @@ from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim.ground import TILES, GroundConfig
 from spidar_gym.so3 import exp
 from spidar_gym.state import NO_RESIDUAL, Command
-from spidar_gym.studies.hops import HOP, HAND_OVERS, Trip, manager_config
+from spidar_gym.studies.hops import HAND_OVERS, HOP, Trip, manager_config
 
 FLOORS = {
     "flat": GroundConfig(),
