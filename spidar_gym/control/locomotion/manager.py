@@ -405,7 +405,7 @@ class Manager(Orders):
         """Limit the rate of Σλ near the floor and into the climb, so that contacts of the feet cause no jumps.
 
         In free air the limit makes the loop of the height oscillate where joints are badly damped. With observed motion
-        a descent is therefore limited only near the expected floor or at signs of one; older presets keep their results.
+        a descent is therefore limited only near the expected floor or at signs of one; older presets keep their rows.
         """
         memory, total = self.memory, float(command.thrust.sum())
         lifts = memory.phase == "climb" and memory.time <= self.dt
