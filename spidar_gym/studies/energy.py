@@ -17,7 +17,7 @@ from spidar_gym.native.core_manager import CoreManager
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.studies.hops import HOP, Trip, manager_config
 
-CRAWLERS = ("published", "robust_overlapped", "robust_retuned")
+CRAWLERS = ("published", "robust_overlapped", "robust_retuned", "steady_crawl")
 """Default presets on the ground."""
 FLIGHT = "steady"
 """Default preset in the air."""

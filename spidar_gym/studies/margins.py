@@ -18,7 +18,7 @@ from spidar_gym.sim.config import PlantConfig
 from spidar_gym.so3 import quat_to_matrix
 
 CONTROLLERS = (
-    "as_flown", "paper", "tuned_v1", "tuned", "retuned", "baselines.adrc:Adrc", "baselines.indi:Indi",
+    "as_flown", "paper", "tuned_v1", "tuned", "retuned", "steady", "baselines.adrc:Adrc", "baselines.indi:Indi",
     "baselines.compensation:Compensation", "baselines.mpc:MPC",
 )  # fmt: skip
 """Presets, and rivals that have a flight controller."""
