@@ -110,7 +110,7 @@ def _numbers(root: Path, searches: Mapping[str, Search]) -> str:
 
 
 def _margins(spec: str, searches: Mapping[str, Search]) -> list[Margins]:
-    """Return the margins of a policy's loops; none without linear loops.
+    """Return the margins of a policy's loops; none without loops of a rigid robot, as with an observed motion.
 
     A custom law's module holds its parameters in `FOUND`.
     """
@@ -121,7 +121,8 @@ def _margins(spec: str, searches: Mapping[str, Search]) -> list[Margins]:
     if "law" in arguments:
         return [*own(load_module(module_of(spec)[0]).FOUND)] if own is not None else []
     config = arguments.get("controller") or controller_config(arguments.get("preset", "paper"))
-    return loops(config) if isinstance(config, ControllerConfig) else []
+    is_rigid = isinstance(config, ControllerConfig) and config.motion != "observed"
+    return loops(config) if is_rigid else []
 
 
 def _with_legs(root: Path, spec: str) -> list[str]:

@@ -18,7 +18,7 @@ from spidar_gym.cli.bench import effect_lines, engine_lines
 from spidar_gym.cli.cards import card_lines, method_lines
 from spidar_gym.control.presets import FORMER_PRESETS, PRESETS, controller_config
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
-from spidar_gym.margins import leg_lines
+from spidar_gym.margins import leg_lines, preset_margins
 from spidar_gym.paper.crawl import crawl_lines
 from spidar_gym.paper.crawl_study import study_lines
 from spidar_gym.paper.flight import flight_lines
@@ -75,19 +75,26 @@ def _margins(root: Path, preset: str) -> Lines:
 
 
 def _orders(root: Path) -> Lines:
-    """Return the least margins of each flight preset with rigid legs, its places, and its results on each variant."""
+    """Return the least margins of each flight preset, rigid and with legs that bend, its places and its results.
+
+    Margins with legs are the worst over forms and calibrated robots; results are those on each variant of the robots.
+    """
     board = tabulate(read_rows(root / "baselines" / "scores"))
     heads, *places = order_lines(board)
     order = ranked(board, [CALIBRATED[FLIGHT]])
     variants = [name for name, _ in find_world(WORLD).variants]
-    lines = [["preset", "gain margin", "delay margin", *heads[1:3], *(f"{name}: error, failed" for name in variants)]]
+    lines = [["preset", "rigid: gain, delay", "with legs: gain, delay", *heads[1:3],
+              *(f"{name}: error, failed" for name in variants)]]  # fmt: skip
     with_rows = [preset for preset in (*PRESETS, *FORMER_PRESETS) if BASES.get(preset) in order]
     for preset in sorted(with_rows, key=lambda preset: order.index(BASES[preset])):
-        name, margins = BASES[preset], loops(controller_config(preset))
+        name, config, legs = BASES[preset], controller_config(preset), preset_margins(preset)
+        pairs = [(min(m.gain for m in loops(config)), min(m.delay for m in loops(config))), (legs.gain, legs.delay)]
+        cells = [f"{gain:.2f}, {1e3 * delay:.0f} ms" for gain, delay in pairs]
+        if config.motion == "observed":  # the loops of a rigid robot have no observer
+            cells[0] = "–"
         nominal, calibrated = next(line[1:3] for line in places if line[0] == name)
-        least = [f"{min(m.gain for m in margins):.2f}", f"{1e3 * min(m.delay for m in margins):.0f} ms"]
         halves = [part_cell(result_on(board, name, FRONT[CALIBRATED[FLIGHT]], variant)) for variant in variants]
-        lines.append([preset, *least, nominal, calibrated, *halves])
+        lines.append([preset, *cells, nominal, calibrated, *halves])
     return lines
 
 
