@@ -30,7 +30,7 @@ TUNED = ControllerConfig(
         reference_gain=1.0,
     ),
 )
-"""The best flight controller without a lead compensator."""
+"""The best flight controller of the described robot without a lead compensator; badly damped joints throw it over."""
 # Result of a search of 30 generations on an earlier version of the simulator.
 TUNED_V1 = ControllerConfig(
     centroidal=CentroidalConfig(
