@@ -54,7 +54,7 @@ BASELINES = (
     "baselines.qp_robust_overlapped:QPRobustOverlappedV1", "baselines.walking:Walking", "baselines.hold:Hold",
     "baselines.blind:Blind",
     "baselines.course:CourseRule", "baselines.course:CourseFly", "baselines.course:CourseCrawl",
-    "baselines.course_planner:CoursePlanner",
+    "baselines.course_planner:CoursePlanner", "baselines.course_steady:SteadyRule", "baselines.course_steady:SteadyPlanner",
 )  # fmt: skip
 """The classical baselines."""
 

@@ -205,7 +205,7 @@ def test_all_baselines_get_a_row_each_where_they_are_defined(here, capfd, monkey
         "qp", "qp_as_flown", "qp_as_flown_quasi", "qp_unconstrained", "pinv", "unlimited", "scaled", "compensation",
         "planning", "indi", "adrc", "mpc", "qp_tuned", "qp_tuned_v1", "qp_retuned", "qp_steady", "hold", "blind",
     }  # fmt: skip
-    assert len(names) == len(BASELINES) - 8, "four only crawl, four go courses"
+    assert len(names) == len(BASELINES) - 10, "four only crawl, six go courses"
     assert all(f"\n{name}: " in "\n" + out for name in names)
 
 
