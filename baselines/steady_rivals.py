@@ -7,6 +7,7 @@ those of the preset `steady`: on robots of the calibrated world, with all margin
 from dataclasses import replace
 
 from baselines import adrc, compensation, indi, mpc
+from spidar_gym.benchmark import HOVER, PresetPolicy
 from spidar_gym.benchmark.track import CALIBRATED, FLIGHT, WORLD
 from spidar_gym.tune.flight import NOMINAL_TRACKS, pids, scaled
 from spidar_gym.tune.parameter import Parameter
@@ -52,3 +53,68 @@ MPC_SEARCH = Search(
     also=NOMINAL_TRACKS,
 )  # fmt: skip
 """`spidar tune baselines.steady_rivals:MPC_SEARCH`."""
+
+ADRC_FOUND = {
+    "xy_p": 23.83, "xy_d": 7.127, "z_p": 21.52, "z_d": 9.186, "roll_pitch_p": 20.52, "roll_pitch_d": 6.279,
+    "yaw_p": 25.85, "yaw_d": 5.644, "momentum_gain": 1.215, "vectoring_lead": 0.04995, "observer_time": 0.3146,
+    "observer_lag": 0.018, "torque_observer_time": 0.2932, "torque_observer_lag": 0.07287,
+}  # fmt: skip
+"""Result of its search: the last line of `baselines/searches/adrc_steady.json`."""
+INDI_FOUND = {
+    "xy_p": 15.62, "xy_d": 4.584, "z_p": 17.96, "z_d": 8.185, "roll_pitch_p": 26.29, "roll_pitch_d": 5.866,
+    "yaw_p": 29.34, "yaw_d": 5.334, "momentum_gain": 1.297, "vectoring_lead": 0.05185, "observer_time": 0.354,
+    "observer_lag": 0.07274, "torque_observer_time": 0.5278, "torque_observer_lag": 0.1654,
+}  # fmt: skip
+"""Result of its search: the last line of `baselines/searches/indi_steady.json`."""
+COMPENSATION_FOUND = {
+    "xy_p": 26.4, "xy_i": 0.06, "xy_d": 4.32, "z_p": 30.55, "z_i": 5.227, "z_d": 8.275, "roll_pitch_p": 18.85,
+    "roll_pitch_i": 1.568, "roll_pitch_d": 5.514, "yaw_p": 31.87, "yaw_i": 4.595, "yaw_d": 6.046,
+    "momentum_gain": 1.309, "vectoring_lead": 0.05092, "observer_gain": 0.4575, "observer_time": 0.1803,
+    "observer_lag": 0.175, "torque_observer_gain": 0.5449, "torque_observer_time": 0.2825,
+    "torque_observer_lag": 0.3437, "lead_gain": 0.06018, "lead_time": 0.08742,
+}  # fmt: skip
+"""Result of its search: the last line of `baselines/searches/compensation_steady.json`."""
+MPC_FOUND = {
+    "xy_bandwidth": 3.705, "z_bandwidth": 6.438, "roll_pitch_bandwidth": 4.73, "yaw_bandwidth": 6.058,
+    "xy_damping": 0.001165, "z_damping": 0.002521, "roll_pitch_damping": 0.001142, "yaw_damping": 0.00118,
+    "xy_observer": 0.6843, "z_observer": 1.9, "roll_pitch_observer": 0.5246, "yaw_observer": 0.6185,
+    "belief": 0.04174, "lag": 0.02212, "delay": 0.2784, "servo_bandwidth": 22.2, "vectoring_lead": 0.04626,
+}  # fmt: skip
+"""Result of its search: the last line of `baselines/searches/mpc_steady.json`."""
+
+
+def _training(search: str) -> dict[str, object]:
+    """Return the origin of the parameters of a search of this module."""
+    return {"command": f"spidar tune baselines.steady_rivals:{search} --scenarios 6 --generations 60", "seed": 0}
+
+
+class AdrcSteady(PresetPolicy):
+    """Disturbance rejection, as `adrc`, searched on calibrated robots; flights only."""
+
+    name = "adrc_steady"
+    training = _training("ADRC_SEARCH")
+    presets = {HOVER: ADRC_SEARCH.arguments(ADRC_FOUND)}  # noqa: RUF012 - constant
+
+
+class IndiSteady(PresetPolicy):
+    """Incremental inversion, as `indi`, searched on calibrated robots; flights only."""
+
+    name = "indi_steady"
+    training = _training("INDI_SEARCH")
+    presets = {HOVER: INDI_SEARCH.arguments(INDI_FOUND)}  # noqa: RUF012 - constant
+
+
+class CompensationSteady(PresetPolicy):
+    """Interference cancelled, as `compensation`, searched on calibrated robots; flights only."""
+
+    name = "compensation_steady"
+    training = _training("COMPENSATION_SEARCH")
+    presets = {HOVER: COMPENSATION_SEARCH.arguments(COMPENSATION_FOUND)}  # noqa: RUF012 - constant
+
+
+class MPCSteady(PresetPolicy):
+    """Predictive control, as `mpc`, searched on calibrated robots; flights only."""
+
+    name = "mpc_steady"
+    training = _training("MPC_SEARCH")
+    presets = {HOVER: mpc.arguments(MPC_FOUND)}  # noqa: RUF012 - constant
