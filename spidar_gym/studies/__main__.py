@@ -346,7 +346,7 @@ def flights(
 
 @app.command
 def drift(
-    preset: CrawlPresetArg = "robust_retuned",
+    preset: CrawlPresetArg = "steady_crawl",
     split: Annotated[str, choice(SPLITS)] = "test",
     scenarios: int = SCENARIOS,
     out: Path = Path("out/drift"),
