@@ -48,13 +48,16 @@ BASELINES = (
     "baselines.pinv:Pinv", "baselines.unlimited:Unlimited", "baselines.scaled:Scaled",
     "baselines.compensation:Compensation", "baselines.planning:Planning",
     "baselines.indi:Indi", "baselines.adrc:Adrc", "baselines.mpc:MPC",
+    "baselines.steady_rivals:AdrcSteady", "baselines.steady_rivals:IndiSteady",
+    "baselines.steady_rivals:CompensationSteady", "baselines.steady_rivals:MPCSteady",
     "baselines.qp_tuned:QPTuned", "baselines.qp_tuned:QPTunedV1",
     "baselines.qp_retuned:QPRetuned", "baselines.qp_steady:QPSteady",
     "baselines.qp_tuned:QPOverlapped", "baselines.qp_robust_overlapped:QPRobustOverlapped",
     "baselines.qp_robust_overlapped:QPRobustOverlappedV1", "baselines.walking:Walking", "baselines.hold:Hold",
     "baselines.blind:Blind",
     "baselines.course:CourseRule", "baselines.course:CourseFly", "baselines.course:CourseCrawl",
-    "baselines.course_planner:CoursePlanner", "baselines.course_steady:SteadyRule", "baselines.course_steady:SteadyPlanner",
+    "baselines.course_planner:CoursePlanner", "baselines.course_steady:SteadyRule",
+    "baselines.course_steady:SteadyPlanner",
 )  # fmt: skip
 """The classical baselines."""
 

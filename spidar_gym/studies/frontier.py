@@ -17,7 +17,8 @@ from spidar_gym.tune.flight import scaled
 
 CONTROLLERS = (
     "paper", "tuned_v1", "tuned", "retuned", "steady", "baselines.adrc:Adrc", "baselines.indi:Indi",
-    "baselines.compensation:Compensation",
+    "baselines.compensation:Compensation", "baselines.steady_rivals:AdrcSteady", "baselines.steady_rivals:IndiSteady",
+    "baselines.steady_rivals:CompensationSteady",
 )  # fmt: skip
 """Presets and rivals whose gains can be scaled."""
 SCALES = (0.6, 0.8, 1.0, 1.2)

@@ -19,7 +19,9 @@ from spidar_gym.so3 import quat_to_matrix
 
 CONTROLLERS = (
     "as_flown", "paper", "tuned_v1", "tuned", "retuned", "steady", "baselines.adrc:Adrc", "baselines.indi:Indi",
-    "baselines.compensation:Compensation", "baselines.mpc:MPC",
+    "baselines.compensation:Compensation", "baselines.mpc:MPC", "baselines.steady_rivals:AdrcSteady",
+    "baselines.steady_rivals:IndiSteady", "baselines.steady_rivals:CompensationSteady",
+    "baselines.steady_rivals:MPCSteady",
 )  # fmt: skip
 """Presets, and rivals that have a flight controller."""
 CHECKED = ("as_flown", "paper", "tuned_v1", "tuned", "retuned", "baselines.adrc:Adrc")
