@@ -401,6 +401,13 @@ class Manager(Orders):
         limit = self.config.flight.joint_torque_limit
         return Command(thrust, memory.vectoring, memory.joint_position, np.full(16, limit))
 
+    def _expects_floor(self) -> bool:
+        """Whether a descent is near the floor of its command, not of a mistaken touch, or sees signs of a floor."""
+        memory, command = self.memory, self.commands[0]
+        assert isinstance(command, Land)
+        above = memory.begin_w[2] - (command.floor + self._lying_height)
+        return bool(above < NEAR_FLOOR) or memory.believed > 0.0
+
     def _limited(self, command: Command) -> Command:
         """Limit the rate of Σλ near the floor and into the climb, so that contacts of the feet cause no jumps.
 
@@ -409,8 +416,7 @@ class Manager(Orders):
         """
         memory, total = self.memory, float(command.thrust.sum())
         lifts = memory.phase == "climb" and memory.time <= self.dt
-        is_near = memory.begin_w[2] < memory.floor + NEAR_FLOOR or memory.believed > 0.0
-        falls = memory.phase == "descend" and (is_near or self.config.flight.motion != "observed")
+        falls = memory.phase == "descend" and (self.config.flight.motion != "observed" or self._expects_floor())
         if not (memory.phase in ("spool", "unload") or falls or lifts) or total <= 0.0:
             return command
         slew, before = self.config.most_slew, memory.thrust

@@ -377,7 +377,9 @@ static void limit(const sp_robot *robot, sp_manager *m, sp_command *command)
     for (int i = 0; i < SP_ROTORS; i++) total += command->thrust[i];
     int lifts = phase == SP_MANAGER_CLIMB && m->memory.time <= m->flight.dt;
     int observed = m->flight.config.motion == SP_CONTROLLER_CONFIG_MOTION_OBSERVED;
-    int near = m->memory.begin_w[2] < m->memory.floor + SP_MANAGER_NEAR_FLOOR || m->memory.believed > 0.0;
+    /* near the floor of the command, not of a mistaken touch */
+    double above = m->memory.begin_w[2] - (m->commands[0].floor + m->lying_height);
+    int near = above < SP_MANAGER_NEAR_FLOOR || m->memory.believed > 0.0;
     int falls = phase == SP_MANAGER_DESCEND && (near || !observed);
     if (!(phase == SP_MANAGER_SPOOL || phase == SP_MANAGER_UNLOAD || falls || lifts) || total <= 0.0) return;
     double share = sp_min(sp_max(total, before - slew), before + slew) / total;
