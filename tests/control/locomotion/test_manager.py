@@ -174,6 +174,7 @@ def test_a_stuck_leg_does_not_prevent_a_landing():
 
 def test_evening_out_of_the_thrust_demands_no_more_than_a_rotor_has():
     manager = Trip(0).manager
+    manager.commands = [Land()]
     manager.memory.phase, manager.memory.thrust = "descend", 8.0 * ROBOT.max_thrust
     thrust = np.full(8, 10.0)
     thrust[0] = ROBOT.max_thrust
