@@ -30,6 +30,7 @@ from spidar_gym.studies.calibrate import fit_lines, profile_lines
 from spidar_gym.studies.drift import drift_lines
 from spidar_gym.studies.energy import energy_lines
 from spidar_gym.studies.flights import flight_lines as calibrated_flight_lines
+from spidar_gym.studies.frontier import frontier_lines
 from spidar_gym.studies.gates import gate_lines
 from spidar_gym.studies.hops import hop_lines
 from spidar_gym.studies.lost import lost_lines
@@ -159,6 +160,7 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "steps": lambda result: step_lines(result["steps"]),
     "drift": lambda result: drift_lines(result["drift"]),
     "energy": lambda result: energy_lines(result["energy"]),
+    "frontier": lambda result: frontier_lines(result["frontier"]),
     "flights": lambda result: calibrated_flight_lines(result["flights"]),
     "calibrate": lambda result: fit_lines(result["calibrate"]),
     "profiles": lambda result: profile_lines(result["profiles"]),

@@ -1,6 +1,7 @@
 """Figures of the paper's flight and crawl, of the studies, of learning curves, and of the leaderboard."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -244,7 +245,9 @@ def energy_figure(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def frontier_figure(rows: list[dict[str, Any]], path: Path) -> None:
-    """Draw errors of flight controllers over their worst gain margins; no robot of a filled point has fallen.
+    """Draw errors of flight controllers over their worst gain margins.
+
+    No robot of a filled point has fallen; large points are controllers as they are, small ones slower and faster.
 
     Args:
         rows: Rows of `spidar_gym.studies.frontier`.
@@ -258,12 +261,15 @@ def frontier_figure(rows: list[dict[str, Any]], path: Path) -> None:
         own = sorted((row for row in rows if row["controller"] == name), key=lambda row: row["scale"])
         color, marker = LOOKS[k % len(LOOKS)]
         gains, errors = ([row[key] for row in own] for key in ("gain", "error"))
-        (line,) = axis.plot(gains, errors, STROKES[k // len(LOOKS)], color=color, lw=1.0)
+        stroke = STROKES[k // len(LOOKS)]
+        axis.plot(gains, errors, stroke, color=color, lw=1.0)
+        lines += axis.plot([], [], stroke, color=color, lw=1.0, marker=marker, ms=5)
         for row in own:
-            face = "none" if row["failed"] else color
-            axis.plot(row["gain"], row["error"], marker, color=color, markerfacecolor=face, ms=5)
-        lines.append(line)
-        labels.append(name.rpartition(":")[2].lower())
+            face = "white" if row["failed"] else color
+            axis.plot(
+                row["gain"], row["error"], marker, color=color, markerfacecolor=face, ms=7 if row["scale"] == 1.0 else 4
+            )
+        labels.append(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.rpartition(":")[2]).lower())
     axis.set_xlabel("worst gain margin over calibrated robots and forms")
     axis.set_ylabel("error on calibrated tracks")
     axis.set_yscale("log")

@@ -30,6 +30,7 @@ from spidar_gym.viz.figures import (
     crawl_figure,
     energy_figure,
     flight_figure,
+    frontier_figure,
     speed_figure,
     step_figure,
 )
@@ -71,6 +72,7 @@ def gallery() -> dict[str, Callable[[Path], object]]:
         "ablations": lambda path: ablation_figure(_rows(path, "ablations"), path),
         "steps": lambda path: step_figure(_rows(path, "steps"), path),
         "energy": lambda path: energy_figure(_rows(path, "energy"), path),
+        "frontier": lambda path: frontier_figure(_rows(path, "frontier"), path),
         "course": course_way,
     }
     drawings |= {f"environment-{name.split('/')[1]}": partial(cameras, name) for name in ENVIRONMENTS}
