@@ -89,11 +89,31 @@ def flight_law(arguments: Mapping[str, Any]) -> FlightController:
     return arguments.get("law", FlightController)(config)
 
 
-def law_of(name: str) -> FlightController:
-    """Return the flight controller of a preset, or of a policy `module:Class` that has one."""
+def flight_mode(arguments: Mapping[str, Any]) -> str:
+    """Return the allocation mode of the flights that `gym.make` makes of its arguments."""
+    return "flight" if arguments.get("avoid_interference", True) else "flight_unrestricted"
+
+
+def arguments_of(name: str) -> Mapping[str, Any]:
+    """Return the arguments of `gym.make` in a flight with a preset, or with a policy `module:Class`.
+
+    Raises:
+        UnknownNameError: For an unknown preset.
+        PolicyError: For an unknown policy.
+        InvalidValueError: For a policy without a flight controller of the package.
+    """
     if ":" not in name:
-        return FlightController(controller_config(name))
-    return flight_law(policy_arguments(load_policy(name), HOVER) or {})
+        return {"controller": controller_config(name)}
+    arguments = policy_arguments(load_policy(name), HOVER) or {}
+    # Without these, `flight_law` would return the default preset, which a policy of another task does not fly with.
+    if not arguments.keys() & {"preset", "controller"}:
+        raise InvalidValueError("controllers", name, "presets, or policies of flights that have a controller")
+    return arguments
+
+
+def law_of(name: str) -> FlightController:
+    """Return the flight controller of a preset, or of a policy `module:Class` (errors as `arguments_of`)."""
+    return flight_law(arguments_of(name))
 
 
 def robots_of(world: str, count: int = ROBOTS, robot: RobotSpec = ROBOT) -> list[tuple[str, PlantConfig]]:
@@ -120,7 +140,10 @@ def with_lateness(config: PlantConfig, late: tuple[float, float]) -> PlantConfig
 
 
 def leg_margins(
-    controller: FlightController, robots: Iterable[tuple[str, PlantConfig]], described: PlantConfig | None = None
+    controller: FlightController,
+    robots: Iterable[tuple[str, PlantConfig]],
+    described: PlantConfig | None = None,
+    mode: str = "flight",
 ) -> LegMargins:
     """Compute the worst margins of a controller over the paper's forms and robots.
 
@@ -131,6 +154,7 @@ def leg_margins(
         controller: The controller; its memory is changed.
         robots: Kind and configuration of each robot.
         described: The robot in whose hovers everything is linearised; the nominal one by default.
+        mode: Allocation mode.
 
     Raises:
         SpidarError: If a hover does not come to rest.
@@ -138,7 +162,7 @@ def leg_margins(
     gains, delays, dampings, rings = list[tuple[float, str]](), list[tuple[float, str]](), [], []
     robots = list(robots)
     for name, form in FORMS.items():
-        hover = settle(controller, form, described or PlantConfig())
+        hover = settle(controller, form, described or PlantConfig(), mode)
         law = behind_encoders(linear_law(hover), EstimatorConfig().joint_bandwidth, 1.0 / controller.config.rate_hz)
         for kind, config in robots:
             loop = Loop(linear_robot(hover, config), law)
@@ -153,12 +177,13 @@ def leg_margins(
     return LegMargins(*min(gains), *min(delays), -damping, place, *min(rings))
 
 
-def legs_shortfall(controller: FlightController, world: str) -> float:
+def legs_shortfall(controller: FlightController, world: str, mode: str = "flight") -> float:
     """Return by how much a controller misses the margins that searches hold; 0 where it holds them.
 
     Args:
         controller: The controller; its memory is changed.
         world: Calibrated world.
+        mode: Allocation mode.
 
     Returns:
         Growth of the fastest growing mode at a margin's gain [1/s], the largest over forms, robots and margins, at most
@@ -172,7 +197,7 @@ def legs_shortfall(controller: FlightController, world: str) -> float:
     most, period = 0.0, 1.0 / controller.config.rate_hz
     for form in FORMS.values():
         try:
-            hover = settle(controller, form, described)
+            hover = settle(controller, form, described, mode)
         except SpidarError:
             return UNSETTLED
         law = behind_encoders(linear_law(hover), EstimatorConfig().joint_bandwidth, period)

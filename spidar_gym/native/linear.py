@@ -107,13 +107,14 @@ def modelled(config: PlantConfig) -> PlantConfig:
     return replace(config, sense=False, actuators=actuators, aero=air, recirculation=RecirculationConfig())
 
 
-def settle(controller: FlightController, form: JointVector, config: PlantConfig) -> Hover:
+def settle(controller: FlightController, form: JointVector, config: PlantConfig, mode: str = "flight") -> Hover:
     """Fly a robot with well damped joints until it hovers in a form; its hover is that of any damping and delay.
 
     Args:
         controller: The controller; its memory is changed.
         form: q [rad].
         config: The robot.
+        mode: Allocation mode.
 
     Raises:
         SpidarError: If the hover does not come to rest.
@@ -127,7 +128,7 @@ def settle(controller: FlightController, form: JointVector, config: PlantConfig)
     controller.reset(state, form)
     com = controller.model.snapshot(form, np.eye(3), vectoring).com_b
     level = np.array([1.0, 0.0, 0.0, 0.0])
-    reference = Reference(state.position_w + com, level, np.zeros(3), np.zeros(3), form)
+    reference = Reference(state.position_w + com, level, np.zeros(3), np.zeros(3), form, mode=mode)
     for _ in range(round(SETTLE_SECONDS / plant.period)):
         state = plant.step(controller.step(state, reference))
     if plant.diverged or not np.abs(state.joint_velocity).max() < SETTLED:

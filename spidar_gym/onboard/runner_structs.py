@@ -260,6 +260,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("answer", "loop_output", (), "last output"),
         ("last good_since taken_over", "f8", (), "[s]"),
         ("held", "f8", (), "how long old commands have been in force [s]"),
+        ("carried", "f8", (), "course: mean Σλ of the last second in the air [N]"),
         ("trim", "f8", (6,), "hover wrench of the robot's own stack beyond the weight [N, Nm]"),
         ("left", "f8", (), "remaining share of the thrust at the start of the rest"),
         ("has_last stage fault landing has_trim finished", "i4", (), ""),

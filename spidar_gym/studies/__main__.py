@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import tyro
 
@@ -12,7 +12,7 @@ from spidar_gym.arguments import CrawlPresetArg, Flag, FlightPresetArg, JsonArg,
 from spidar_gym.benchmark.track import SCENARIOS, SPLITS
 from spidar_gym.console import drawn, progress, published, run_cli, studied
 from spidar_gym.control.presets import controller_config
-from spidar_gym.errors import InvalidValueError, require_above, require_least, require_within
+from spidar_gym.errors import InvalidValueError, require_least, require_within
 from spidar_gym.files import output_folder, write_text
 from spidar_gym.paper.calibration import require_world
 from spidar_gym.processes import cpu_count
@@ -31,9 +31,26 @@ from spidar_gym.studies import lost as lost_study
 from spidar_gym.studies import margins as margin_study
 from spidar_gym.studies import reality as reality_study
 from spidar_gym.studies import steps as step_study
+from spidar_gym.tasks.hover import RANGES
 from spidar_gym.text import format_table
 
 app = tyro.extras.SubcommandApp()
+T = TypeVar("T")
+SLOWEST, FASTEST = 0.01, 100.0
+"""Range of the factors on the bandwidth in the study frontier."""
+
+
+def _distinct(name: str, values: tuple[T, ...]) -> tuple[T, ...]:
+    """Return the values of an option without repetitions, in order (`InvalidValueError` if there are none)."""
+    if not values:
+        raise InvalidValueError(name, [], "at least one value")
+    return tuple(dict.fromkeys(values))
+
+
+def _require_scenarios(scenarios: int) -> None:
+    """Raise `InvalidValueError` for a number of scenarios that a track does not have."""
+    if not 1 <= scenarios <= SCENARIOS:
+        raise InvalidValueError("scenarios", scenarios, f"1 … {SCENARIOS}")
 
 
 @app.command
@@ -127,7 +144,7 @@ def steps(
         workers: Number of processes.
     """
     require_least(1, seeds=seeds, workers=workers)
-    chosen = tuple(dict.fromkeys(gaits))
+    chosen = _distinct("gaits", gaits)
     for gait in chosen:
         step_study.controller_of(gait)  # raises for an unknown gait before anything is written
     folder = output_folder(out)
@@ -155,8 +172,7 @@ def ablations(
         workers: Number of processes.
     """
     require_least(1, workers=workers)
-    if not 1 <= scenarios <= SCENARIOS:
-        raise InvalidValueError("scenarios", scenarios, f"1 … {SCENARIOS}")
+    _require_scenarios(scenarios)
     folder = output_folder(out)
     rows = studied(
         folder, "ablations", "track", len(ablation_study.jobs(scenarios)), json=json,
@@ -251,8 +267,9 @@ def margins(
     Args:
         controllers: Presets, or policies module:Class that have a flight controller; one takes about a minute.
         check: Instead, compare the gains at which the linear model has growing modes with those at which the simulated
-            robot swings and falls: 72 cases, about 15 minutes on two cores.
-        store: Instead, compute the margins of all presets, and write those that an export reads, in a checkout.
+            robot swings and falls: 72 cases, about 15 minutes on two cores; without controllers, world and robots.
+        store: Instead, compute the margins of all presets, and write those that an export reads, in a checkout; without
+            check, controllers, world and robots.
         world: Name or file of a calibrated world.
         robots: Number of its robots, its kinds in turn.
         out: Folder for leg_margins.json, or leg_falls.json.
@@ -260,6 +277,19 @@ def margins(
     """
     require_least(1, robots=robots, workers=workers)
     require_world(world)
+    chosen = _distinct("controllers", controllers)
+    if store and check:
+        raise InvalidValueError("store", store, "False with check")
+    if store or check:
+        defaults = {"controllers": margin_study.CONTROLLERS, "world": legs.WORLD, "robots": legs.ROBOTS}
+        for name, value in {"controllers": controllers, "world": world, "robots": robots}.items():
+            if value != defaults[name]:
+                raise InvalidValueError(
+                    name, value, f"no value with {'store' if store else 'check'}, which has its own"
+                )
+    else:
+        for name in chosen:
+            legs.law_of(name)  # raises for an unknown controller before anything is written
     if store:
         write_text(legs.MARGINS, legs.margins_text())
         print(f"{legs.MARGINS} written")
@@ -275,9 +305,9 @@ def margins(
         )  # fmt: skip
         return
     studied(
-        folder, "leg_margins", "controller", len(controllers), json=json,
+        folder, "leg_margins", "controller", len(chosen), json=json,
         play=lambda unfinished, on_done: margin_study.margin_study(
-            controllers, world, robots, workers=workers, folder=unfinished, on_done=on_done
+            chosen, world, robots, workers=workers, folder=unfinished, on_done=on_done
         ),
         table=lambda rows: format_table(legs.leg_lines(rows)),
     )  # fmt: skip
@@ -295,18 +325,22 @@ def frontier(
 
     Args:
         controllers: Presets, or policies module:Class that only have gains.
-        scales: Factors on the bandwidth; a controller at one scale takes about a minute of CPU time.
+        scales: Factors on the bandwidth, 0.01 … 100; a controller at one scale takes about a minute of CPU time.
         out: Folder for frontier.json and frontier.png.
         workers: Number of processes.
     """
     require_least(1, workers=workers)
-    for scale in scales:
-        require_above(scales=scale)
+    chosen = _distinct("controllers", controllers)
+    factors = _distinct("scales", scales)
+    for factor in factors:
+        require_within(SLOWEST, FASTEST, scales=factor)
+    for name in chosen:
+        legs.law_of(name)  # raises for an unknown controller before anything is written
     folder = output_folder(out)
     rows = studied(
-        folder, "frontier", "point", len(controllers) * len(scales), json=json,
+        folder, "frontier", "point", len(chosen) * len(factors), json=json,
         play=lambda unfinished, on_done: frontier_study.frontier_study(
-            controllers, scales, workers=workers, folder=unfinished, on_done=on_done
+            chosen, factors, workers=workers, folder=unfinished, on_done=on_done
         ),
         table=lambda found: format_table(frontier_study.frontier_lines(found)),
     )  # fmt: skip
@@ -332,9 +366,13 @@ def flights(
         workers: Number of processes.
     """
     require_least(1, robots=robots, workers=workers)
-    for speed in joint_speeds:
-        require_above("rad/s", joint_speeds=speed)
-    chosen, speeds = tuple(dict.fromkeys(controllers)), tuple(dict.fromkeys(joint_speeds))
+    chosen = _distinct("controllers", controllers)
+    speeds = _distinct("joint_speeds", joint_speeds)
+    low, high, unit = RANGES["joint_speed"]
+    for speed in speeds:
+        require_within(low, high, unit, joint_speeds=speed)
+    for name in chosen:
+        flight_study.policy_of(name)  # raises for an unknown controller before anything is written
     studied(
         output_folder(out), "flights", "flight", len(chosen) * len(speeds) * robots, json=json,
         play=lambda unfinished, on_flight: flight_study.flight_study(
@@ -363,7 +401,7 @@ def drift(
         workers: Number of processes.
     """
     require_least(1, workers=workers)
-    require_within(1.0, float(SCENARIOS), scenarios=scenarios)
+    _require_scenarios(scenarios)
     studied(
         output_folder(out), "drift", "crawl", scenarios, json=json,
         play=lambda unfinished, on_crawl: drifts.drift_study(
@@ -392,7 +430,7 @@ def energy(
         workers: Number of processes.
     """
     require_least(1, robots=robots, workers=workers)
-    chosen = tuple(dict.fromkeys(crawlers))
+    chosen = _distinct("crawlers", crawlers)
     folder = output_folder(out)
     rows = studied(
         folder, "energy", "run", len(energies.runs(chosen, preset, robots)) * robots, json=json,

@@ -70,11 +70,15 @@ def play(run: Run) -> dict[str, Any]:
     )
     steps = list(rollout(env, None, seed=run.seed))
     env.close()
-    first, last = steps[round(WARM_UP * CONTROL_RATE)].info, steps[-1].info
-    seconds = len(steps) / CONTROL_RATE - WARM_UP
+    before, ticks, last = round(WARM_UP * CONTROL_RATE), len(steps), steps[-1].info
+    missed = last["failure"] or ("" if ticks == round(horizon * CONTROL_RATE) else "duration")
+    if ticks <= before:  # ended before it is measured: a miss, whose figures are those of the whole flight
+        before, began = 0, 0.0
+    else:
+        began = steps[before - 1].info["energy_wh"]
+    seconds = (ticks - before) / CONTROL_RATE
     return {
-        "energy_wh": last["energy_wh"] - first["energy_wh"], "distance_m": run.speed * seconds, "time_s": seconds,
-        "missed": last["failure"],
+        "energy_wh": last["energy_wh"] - began, "distance_m": run.speed * seconds, "time_s": seconds, "missed": missed,
     }  # fmt: skip
 
 
@@ -133,7 +137,7 @@ def _row(run: Run, played: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def break_even(row: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> float:
-    """Return the length of a way from which on the best flight, with its hop, takes less energy [m]."""
+    """Return the length of a way from which on the best flight, with its hop, takes less energy [m]; inf if none."""
     rows = list(rows)
     hop = next(other["energy_wh"]["median"] for other in rows if other["gait"] == "hop")
     more = row["wh_per_m"]["median"] - min(other["wh_per_m"]["median"] for other in rows if other["gait"] == "fly")
@@ -150,10 +154,14 @@ def energy_lines(rows: Iterable[Mapping[str, Any]]) -> list[list[str]]:
     for row in rows:
         missed = f" ({'; '.join(row['missed'])})" if row["missed"] else ""
         cells = [_range(row[key], digits) for key, digits in _COLUMNS]
-        even = f"{break_even(row, rows):.1f} m" if row["gait"] == "crawl" else "–"
+        even = _length(break_even(row, rows)) if row["gait"] == "crawl" else "–"
         share = f"{row['succeeded']} of {row['robots']}{missed}"
         lines.append([row["gait"], f"`{row['preset']}`", units[row["gait"]].format(row["speed"]), share, *cells, even])
     return lines
+
+
+def _length(even: float) -> str:
+    return f"{even:.1f} m" if math.isfinite(even) else "never"
 
 
 _COLUMNS = (("m_per_s", 3), ("time_s", 1), ("energy_wh", 2), ("wh_per_m", 2))

@@ -11,7 +11,8 @@ from spidar_gym.benchmark.evaluate import play
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.benchmark.scenario import load_scenarios
 from spidar_gym.benchmark.track import CALIBRATED, FLIGHT, TRACKS
-from spidar_gym.margins import WORLD, law_of, leg_margins, robots_of
+from spidar_gym.errors import InvalidValueError
+from spidar_gym.margins import WORLD, arguments_of, flight_law, flight_mode, leg_margins, robots_of
 from spidar_gym.policies.presets import OwnController
 from spidar_gym.tune.flight import scaled
 
@@ -42,14 +43,11 @@ class Point:
 
 def measure(point: Point) -> dict[str, Any]:
     """Compute the worst margins of a controller, and its errors and failures on the calibrated tracks of flight."""
-    law = law_of(point.controller)
-    config = scaled(law.config, point.scale)
-    margins = leg_margins(type(law)(config), robots_of(WORLD))
+    arguments = dict(arguments_of(point.controller))
+    arguments["controller"] = scaled(flight_law(arguments).config, point.scale)
+    margins = leg_margins(flight_law(arguments), robots_of(WORLD), mode=flight_mode(arguments))
     tracks = [name for name, track in TRACKS.items() if track.group == CALIBRATED[FLIGHT]]
-    played = [
-        play(OwnController({"controller": config}), track, load_scenarios(track, SPLIT)[0][:SCENARIOS])
-        for track in tracks
-    ]  # fmt: skip
+    played = [play(OwnController(arguments), track, load_scenarios(track, SPLIT)[0][:SCENARIOS]) for track in tracks]
     errors = np.array([[one["metrics"]["error"] for one in runs] for runs in played])
     failed = sum(one["metrics"]["failed"] for runs in played for one in runs)
     return {
@@ -69,7 +67,8 @@ def frontier_study(
         SpidarError: For a controller that does not exist, or is no configuration of the package's flight controller.
     """
     for name in controllers:
-        law_of(name)
+        if "law" in arguments_of(name):
+            raise InvalidValueError("controllers", name, "controllers with gains: presets, or policies without a law")
     points = [Point(name, scale) for name in controllers for scale in scales]
     return finish(measure, points, workers=workers, folder=folder, on_done=lambda *_: on_done())
 

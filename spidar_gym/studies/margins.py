@@ -10,7 +10,7 @@ import numpy as np
 
 from spidar_gym.benchmark.resume import finish
 from spidar_gym.errors import SpidarError
-from spidar_gym.margins import law_of, leg_margins, robots_of, with_damping
+from spidar_gym.margins import arguments_of, flight_law, flight_mode, law_of, leg_margins, robots_of, with_damping
 from spidar_gym.native.linear import Loop, linear_law, linear_robot, modelled, settle
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import FORMS, N_ROTORS
@@ -70,7 +70,9 @@ class Asked:
 
 def find_margins(asked: Asked) -> dict[str, Any]:
     """Compute the worst margins of a controller."""
-    found = asdict(leg_margins(law_of(asked.controller), robots_of(asked.world, asked.robots)))
+    arguments = arguments_of(asked.controller)
+    margins = leg_margins(flight_law(arguments), robots_of(asked.world, asked.robots), mode=flight_mode(arguments))
+    found = asdict(margins)
     found["damping"] = found["damping"] if math.isfinite(found["damping"]) else None
     return {"controller": asked.controller, **found}
 
@@ -81,7 +83,7 @@ def margin_study(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Compute the worst margins of controllers; resumes from `folder`."""
     for name in controllers:
-        law_of(name)  # raises for an unknown one
+        arguments_of(name)  # raises for an unknown one
     items = [Asked(name, world, robots) for name in controllers]
     return finish(find_margins, items, workers=workers, folder=folder, on_done=lambda *_: on_done())
 

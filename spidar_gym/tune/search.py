@@ -25,7 +25,7 @@ from spidar_gym.control.flight.margins import Margins
 from spidar_gym.control.presets import STEADY_CRAWL, TUNED_V1
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, require_least, require_name
 from spidar_gym.files import json_text, write_text
-from spidar_gym.margins import flight_law, legs_shortfall
+from spidar_gym.margins import flight_law, flight_mode, legs_shortfall
 from spidar_gym.policies.presets import OwnController
 from spidar_gym.policies.source import load_module, module_of
 from spidar_gym.tune import crawl, flight
@@ -100,7 +100,10 @@ class Search:
     def shortfall(self, values: dict[str, float]) -> float:
         """Return the shortfall of the margins."""
         rigid = 0.0 if self.loops is None else flight.shortfall(self.loops(values))
-        return rigid + (legs_shortfall(flight_law(self.arguments(values)), self.legs) if self.legs else 0.0)
+        if not self.legs:
+            return rigid
+        arguments = self.arguments(values)
+        return rigid + legs_shortfall(flight_law(arguments), self.legs, flight_mode(arguments))
 
 
 def flight_search(

@@ -1,7 +1,6 @@
 """Pins the presets' margins with legs that bend, and the export that refuses those with too small ones."""
 
 import json
-from dataclasses import replace
 
 import pytest
 from support.commands import refused
@@ -16,6 +15,7 @@ from spidar_gym.native.linear import Loop, behind_encoders, linear_law, linear_r
 from spidar_gym.onboard.export import EVERY, EXPORTED, export_files
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.config import PlantConfig
+from spidar_gym.studies.margins import margin_study
 
 FRAGILE = sorted(set(EVERY) - set(EXPORTED))
 
@@ -28,13 +28,28 @@ def test_the_stored_margins_are_those_of_the_present_presets():
 
 
 @pytest.mark.parametrize("name", ["steady", "as_flown"])
-def test_a_stored_gain_margin_is_the_worst_of_the_robots_of_its_kind_in_its_form(name):
-    kind, form, *_ = read_margins()[name]["gain_at"].split(", ")
+@pytest.mark.parametrize("key", ["gain", "delay"])
+def test_a_stored_margin_is_the_worst_of_the_robots_of_its_kind_in_its_form(name, key):
+    kind, form, *_ = read_margins()[name][f"{key}_at"].split(", ")
     hover = settle(FlightController(controller_config(name)), FORMS[form], PlantConfig())
     law = behind_encoders(linear_law(hover), EstimatorConfig().joint_bandwidth, 0.025)
-    robots = [robot for own, robot in margins.robots_of(margins.WORLD) if own == kind]
-    worst = min(Loop(linear_robot(hover, robot), law).gain_margin()[0] for robot in robots)
-    assert worst == pytest.approx(preset_margins(name).gain, rel=0.01)
+    loops = [Loop(linear_robot(hover, robot), law) for own, robot in margins.robots_of(margins.WORLD) if own == kind]
+    worst = min(loop.gain_margin()[0] if key == "gain" else loop.delay_margin() for loop in loops)
+    assert worst == pytest.approx(getattr(preset_margins(name), key), rel=0.01)
+
+
+@pytest.mark.slow
+def test_margins_are_those_of_the_allocation_mode():
+    policy = "baselines.compensation:Compensation"
+    robots = [one for one in margins.robots_of(margins.WORLD, 6) if one[0] == "build-damped"]
+    arguments = margins.arguments_of(policy)
+    assert margins.flight_mode(arguments) == "flight_unrestricted"
+    avoided, free = (
+        margins.leg_margins(margins.law_of(policy), robots, mode=mode) for mode in ("flight", "flight_unrestricted")
+    )
+    (found,) = margin_study([policy], margins.WORLD, 6)
+    assert avoided.gain != pytest.approx(free.gain, rel=0.05)
+    assert found["gain"] <= free.gain * (1.0 + 1e-9)
 
 
 def test_a_preset_that_has_changed_and_a_custom_robot_are_computed_anew(monkeypatch, tmp_path):
@@ -76,8 +91,7 @@ def test_the_command_refuses_a_fragile_preset_in_one_line_and_writes_nothing(tmp
 
 @pytest.mark.slow
 def test_a_search_counts_the_growth_of_modes_that_its_margins_forbid():
-    steady, tuned = (FlightController(controller_config(name)) for name in ("steady", "tuned"))
+    steady, tuned, paper = (FlightController(controller_config(name)) for name in ("steady", "tuned", "paper"))
     assert legs_shortfall(steady, margins.WORLD) == 0.0
+    assert legs_shortfall(paper, margins.WORLD) == 0.0
     assert legs_shortfall(tuned, margins.WORLD) > 0.1
-    slow = replace(controller_config("paper"), rate_hz=40.0)
-    assert legs_shortfall(FlightController(slow), margins.WORLD) == 0.0

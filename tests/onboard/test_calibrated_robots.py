@@ -8,6 +8,7 @@ from support.needs import needs_compiler
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.paper.calibration import require_robots
 from spidar_gym.sitl.course_drive import courses_in_process
+from spidar_gym.sitl.course_faults import play_course_faults
 from spidar_gym.sitl.missions import course_mission, crawl_mission, hover_mission
 from spidar_gym.sitl.play import make_robot, play_faults
 
@@ -47,6 +48,14 @@ def test_a_fault_on_a_calibrated_robot_has_the_specified_reaction():
     (nominal,) = play_faults("socket", ("pose_nan_once",))
     assert row["as_specified"]
     assert row["peak_tilt_rad"] > 2.0 * nominal["peak_tilt_rad"]
+
+
+@needs_compiler
+def test_measurements_that_stop_in_a_descent_do_not_lift_the_robot():
+    # Without the mean of Σλ as a limit of held commands, the robot rises by metres and falls at 6 m/s.
+    (row,) = play_course_faults("socket", [("imu_stops", "descend")], robots=require_robots(f"{WORLD}:build-damped"))
+    assert row["as_specified"]
+    assert row["touchdown_m_s"] < 1.5
 
 
 def test_a_course_that_a_calibrated_robot_does_not_complete_is_a_failure_of_this_robot():

@@ -18,7 +18,11 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize("name", [[], ["lost"], ["hops"], ["gates"], ["steps"], ["ablations"]], ids=" ".join)
+@pytest.mark.parametrize(
+    "name",
+    [[], *([name] for name in ("lost", "hops", "gates", "steps", "ablations", "margins", "frontier", "flights"))],
+    ids=" ".join,
+)
 def test_every_study_has_help(name, capfd):
     with pytest.raises(SystemExit) as stop:
         main([*name, "--help"])
@@ -40,6 +44,40 @@ def test_every_study_has_help(name, capfd):
         *((["hops", f"--{name}", "0"], "at least 1") for name in ("robots", "workers")),
         *((["hops", "--strength", v], "within 0 … 1") for v in ("-0.1", "1.5", "nan")),
         *((["hops", "--wind", v], "at least 0 [m/s]") for v in ("-1", "nan")),
+        *((["drift", "--scenarios", v], "expected 1 … 50") for v in ("0", "51")),
+        *((["flights", "--joint-speeds", v], "within 1e-06 … 1000 [rad/s]") for v in ("0", "-1", "inf", "nan")),
+        *((["frontier", "--scales", v], "within 0.01 … 100 [1]") for v in ("0", "-1", "inf", "nan", "1e200")),
+        *(
+            ([name, f"--{option}"], f"{option.replace('-', '_')} = [] is not valid; expected at least one value")
+            for name, option in (
+                ("flights", "controllers"),
+                ("flights", "joint-speeds"),
+                ("frontier", "controllers"),
+                ("frontier", "scales"),
+                ("margins", "controllers"),
+                ("energy", "crawlers"),
+                ("steps", "gaits"),
+            )
+        ),
+        (["flights", "--controllers", "baselines.walking:Walking"], "expected presets, or policies of flights"),
+        *(
+            (
+                [name, "--controllers", "steady", policy],
+                "expected presets, or policies of flights that have a controller",
+            )
+            for name in ("margins", "frontier")
+            for policy in ("baselines.walking:Walking", "baselines.hold:Hold")
+        ),
+        (["margins", "--store", "--check"], "store = True is not valid; expected False with check"),
+        *(
+            (["margins", f"--{switch}", *given], f"expected no value with {switch}, which has its own")
+            for switch in ("store", "check")
+            for given in (
+                ("--controllers", "paper"),
+                ("--world", "calibrated_1:wake-damped"),
+                ("--robots", "2"),
+            )
+        ),
     ],
 )
 def test_an_impossible_argument_is_refused_in_one_line(arguments, expected, capfd, here):

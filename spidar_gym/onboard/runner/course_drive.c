@@ -144,6 +144,8 @@ void sp_course_tick(sp_loop *l, const sp_loop_input *input, sp_fault fault)
         if (own != SP_FINE) fault = own, sees = 0;
         else if (l->ending != SP_FINE) fault = SP_FINE; /* the course is already ending for this fault */
     }
+    if (sees) sp_note_carried(l, !on_floor(m));
+    else if (!on_floor(m)) sp_hold_level(l);
     sp_hold(l, input->time, fault);
     if (l->stage == SP_HOLDING && sees) l->stage = SP_DRIVING; /* the command is new */
     if (l->stage == SP_LANDING && fault != SP_CONTENDED) {

@@ -4,6 +4,8 @@
 #include "spidar_model.h"
 
 #define PERIOD (1.0 / SP_CONTROL_RATE) /* of the ticks [s] */
+#define CARRIED_TIME 1.0 /* time constant of the thrust that carries the robot [s] */
+#define CARRIED_BEYOND 1.05 /* a held command has at most this much of it */
 
 int sp_thrust_within_limits(const double *thrust)
 {
@@ -40,4 +42,24 @@ void sp_hold(sp_loop *l, double time, sp_fault fault)
     l->stage = fault == SP_FINE ? SP_DRIVING : SP_HOLDING;
     l->fault = fault;
     if (fault != SP_FINE && l->held > l->mission.limits.hold_ticks * PERIOD + 0.5 * PERIOD) l->stage = SP_LANDING;
+}
+
+static double total_thrust(const sp_command *command)
+{
+    double total = 0.0;
+    for (int i = 0; i < SP_ROTORS; i++) total += command->thrust[i];
+    return total;
+}
+
+void sp_note_carried(sp_loop *l, int airborne)
+{
+    double total = total_thrust(&l->command);
+    l->carried = airborne ? l->carried + (total - l->carried) * (PERIOD / CARRIED_TIME) : total;
+}
+
+void sp_hold_level(sp_loop *l)
+{
+    double total = total_thrust(&l->command);
+    if (!(total > CARRIED_BEYOND * l->carried)) return;
+    for (int i = 0; i < SP_ROTORS; i++) l->command.thrust[i] *= l->carried / total;
 }

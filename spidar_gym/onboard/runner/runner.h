@@ -45,6 +45,11 @@ int sp_thrust_within_limits(const double *thrust); /* of every rotor */
 /* Update the time for which old commands have been in force, at most 100 ms. A good tick only reduces it by the tick's
  * length, so that an intermittent fault leads to the landing too. */
 void sp_hold(sp_loop *loop, double time, sp_fault fault);
+/* Update the mean of Σλ that carries the robot, from a new command; on the floor the mean is this Σλ. */
+void sp_note_carried(sp_loop *loop, int airborne);
+/* Reduce the held command to that mean if its Σλ is larger: the board's landing begins with it, and a command of the
+ * last ticks, from measurements that had already stopped, would lift the robot by metres. */
+void sp_hold_level(sp_loop *loop);
 /* Accept a controller's command if it is within limits; returns the fault. */
 sp_fault sp_answer(sp_loop *loop, const sp_allocation *allocation, const sp_command *command);
 
