@@ -26,8 +26,8 @@ from spidar_gym.sitl.session import Run
 
 TOUCHDOWN = 0.35
 """Largest touchdown speed of a landing that the manager flies [m/s]."""
-FORCED_TOUCHDOWN = 2.5
-"""Largest touchdown speed of a landing of the board, which does not measure its height [m/s]; a fall from 0.3 m."""
+FORCED_TOUCHDOWN = 3.0
+"""Largest touchdown speed of a landing of the board, which does not measure its height [m/s]; a fall from 0.5 m."""
 
 
 def phase_mission(phase: str) -> Mission:
