@@ -26,8 +26,9 @@ from spidar_gym.sitl.session import Run
 
 TOUCHDOWN = 0.35
 """Largest touchdown speed of a landing that the manager flies [m/s]."""
-FORCED_TOUCHDOWN = 3.0
-"""Largest touchdown speed of a landing of the board, which does not measure its height [m/s]; a fall from 0.5 m."""
+FORCED_TOUCHDOWN = 2.5
+"""Largest touchdown speed of a landing of the board that the runner commands [m/s]: the board does not measure its
+height. Where the runner is killed or stalls, the board itself holds the last command for half a second."""
 
 
 def phase_mission(phase: str) -> Mission:
@@ -48,8 +49,8 @@ def course_fault_figures(name: str, phase: str, run: Run, log: RunnerLog) -> dic
 
     `as_specified` requires that the fault began in that phase, that the reaction is that of `course_reaction`, that old
     commands were in force for at most 100 ms, that no command was out of bounds or published after a landing was
-    commanded, and that a landing by the manager touched down at `TOUCHDOWN`, one of the board at `FORCED_TOUCHDOWN`, or
-    less.
+    commanded, and that a landing by the manager touched down at `TOUCHDOWN`, one of the board that the
+    runner commanded at `FORCED_TOUCHDOWN`, or less.
 
     Raises:
         SpidarError: When the fault did not begin.
@@ -72,7 +73,7 @@ def course_fault_figures(name: str, phase: str, run: Run, log: RunnerLog) -> dic
     after = [row for row in run.rows if row.time >= run.fault_at]
     touch = next((k for k, row in enumerate(after) if row.in_contact), None) if phase not in FLOOR_PHASES else None
     fall = None if touch is None else float(-after[max(touch - 1, 0)].state.velocity_w[2])
-    fastest = {"lands": TOUCHDOWN, "forced landing": FORCED_TOUCHDOWN, "board lands": FORCED_TOUCHDOWN}.get(happened)
+    fastest = {"lands": TOUCHDOWN, "forced landing": FORCED_TOUCHDOWN}.get(happened)
     soft = fastest is None or phase in FLOOR_PHASES or (fall is not None and fall <= fastest)
     ticks, times = drive_times(run, log)
     began = PHASES[outputs["manager_phase"][ticks[max(int(np.searchsorted(times, run.fault_at, side="right")) - 1, 0)]]]
