@@ -335,7 +335,7 @@ def frontier(
     for factor in factors:
         require_within(SLOWEST, FASTEST, scales=factor)
     for name in chosen:
-        legs.law_of(name)  # raises for an unknown controller before anything is written
+        frontier_study.scalable(name)  # raises for an unknown controller before anything is written
     folder = output_folder(out)
     rows = studied(
         folder, "frontier", "point", len(chosen) * len(factors), json=json,

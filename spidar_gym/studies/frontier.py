@@ -41,9 +41,21 @@ class Point:
     """Factor on its bandwidth."""
 
 
+def scalable(name: str) -> dict[str, Any]:
+    """Return the arguments of `gym.make` of a controller whose gains can be scaled.
+
+    Raises:
+        SpidarError: For a controller that does not exist, or is no configuration of the package's flight controller.
+    """
+    arguments = dict(arguments_of(name))
+    if "law" in arguments:
+        raise InvalidValueError("controllers", name, "controllers with gains: presets, or policies without a law")
+    return arguments
+
+
 def measure(point: Point) -> dict[str, Any]:
     """Compute the worst margins of a controller, and its errors and failures on the calibrated tracks of flight."""
-    arguments = dict(arguments_of(point.controller))
+    arguments = scalable(point.controller)
     arguments["controller"] = scaled(flight_law(arguments).config, point.scale)
     margins = leg_margins(flight_law(arguments), robots_of(WORLD), mode=flight_mode(arguments))
     tracks = [name for name, track in TRACKS.items() if track.group == CALIBRATED[FLIGHT]]
@@ -61,14 +73,9 @@ def frontier_study(
     controllers: Sequence[str], scales: Sequence[float], *, workers: int = 1, folder: Path | None = None,
     on_done: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Measure controllers at every scale; resumes from `folder`.
-
-    Raises:
-        SpidarError: For a controller that does not exist, or is no configuration of the package's flight controller.
-    """
+    """Measure controllers at every scale; resumes from `folder` (errors as `scalable`)."""
     for name in controllers:
-        if "law" in arguments_of(name):
-            raise InvalidValueError("controllers", name, "controllers with gains: presets, or policies without a law")
+        scalable(name)
     points = [Point(name, scale) for name in controllers for scale in scales]
     return finish(measure, points, workers=workers, folder=folder, on_done=lambda *_: on_done())
 
