@@ -1,7 +1,8 @@
 """Action modes: a table of modes, each a list of channels with their authority."""
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
 
 import numpy as np
@@ -10,10 +11,11 @@ from numpy.typing import ArrayLike
 from spidar_gym.arrays import JointVector
 from spidar_gym.control.course.gates import CEILING
 from spidar_gym.control.course.target import SWEEP, WAY
-from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.flight.controller import CONTROL_RATE, FlightController
 from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.control.locomotion.commands import SPEEDS
-from spidar_gym.errors import require_name
+from spidar_gym.errors import InvalidValueError, require_name, require_within
+from spidar_gym.model.rotor import MIN_FORCE, aim
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.state import Command, Residual
 
@@ -114,6 +116,71 @@ def _gait_force(action: np.ndarray) -> Residual:
     return replace(_gait(action[: GAIT.size]), leg_forces_b=LEG_AUTHORITY * action[GAIT.size :].reshape(N_LEGS, 3))
 
 
+TORSO = "torso_forces"
+"""Name of the action mode in torso axes."""
+AIR, FLOOR = 1.0, 0.0
+"""Share of the weight that the rotors bear at a zero action in torso axes: in flight, and on the floor."""
+
+
+@dataclass(frozen=True)
+class TorsoScale:
+    """Zero and scale of an action in torso axes."""
+
+    force: float = 3.0
+    """Largest force per axis and rotor beyond the trim [N]."""
+    joint: float = 0.1
+    """Largest offset of a joint target [rad]; at 0 the action has no entries for joints."""
+    trim: float = AIR
+    """Share of the weight that the rotors bear in equal parts, along the torso's z axis, at a zero action."""
+
+    def __post_init__(self) -> None:
+        """Validate the numbers."""
+        require_within(1e-3, 100.0, "N", force=self.force)
+        require_within(0.0, math.pi, "rad", joint=self.joint)
+        require_within(0.0, 2.0, "1", trim=self.trim)
+
+    @classmethod
+    def parse(cls, given: object, trim: float, mode: str) -> "TorsoScale":
+        """Return a scale from a `TorsoScale`, its numbers by name, or None for the default.
+
+        Args:
+            given: The scale.
+            trim: Its default `trim`.
+            mode: Name of the action mode.
+
+        Raises:
+            UnknownNameError: For a number that does not exist; it lists the valid ones.
+            InvalidValueError: For a value out of range, and a scale of another mode.
+        """
+        if given is None:
+            return cls(trim=trim)
+        if mode != TORSO:
+            raise InvalidValueError("action_scale", given, f"none with {mode}: it belongs to {TORSO}")
+        if isinstance(given, cls):
+            return given
+        if not isinstance(given, Mapping):
+            raise InvalidValueError("action_scale", given, "numbers by name: force [N], joint [rad], trim")
+        for name in given:
+            require_name("number of action_scale", name, [field.name for field in fields(cls)])
+        return cls(**{"trim": trim, **given})
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Channels of the mode."""
+        forces = Channel(
+            "torso_forces", 3 * N_ROTORS,
+            f"± {self.force:g} N on each rotor force beyond {self.trim / N_ROTORS:g} of the weight, torso axes x, y, z "
+            "of rotor 1 …",
+        )  # fmt: skip
+        joints = Channel("joint_offset", N_JOINTS, f"± {self.joint:g} rad on the joint targets q₁ … q₁₆")
+        return (forces, joints) if self.joint > 0.0 else (forces,)
+
+    @property
+    def authorities(self) -> dict[str, float]:
+        """Value of an entry of 1, by channel."""
+        return {"torso_forces": self.force, "joint_offset": self.joint}
+
+
 @dataclass(frozen=True)
 class ActionMode:
     """Channels of an action and their mapping to the controller's residual."""
@@ -124,6 +191,8 @@ class ActionMode:
     """Mapping from action to residual; None without a controller."""
     doc: str
     """Description of the mode."""
+    scale: TorsoScale | None = None
+    """Zero and scale of an action in torso axes; None for other modes."""
 
     @property
     def size(self) -> int:
@@ -131,9 +200,25 @@ class ActionMode:
         return sum(channel.size for channel in self.channels)
 
 
+def _torso_mode(scale: TorsoScale, around: str) -> ActionMode:
+    return ActionMode(
+        scale.channels, None,
+        f"commands without any controller around a trim: forces of the rotors in torso axes, joints around {around}; "
+        "for learning from nothing",
+        scale,
+    )  # fmt: skip
+
+
 @lru_cache(maxsize=64)
-def action_modes(robot: RobotSpec) -> dict[str, ActionMode]:
-    """Return the action modes by name. A zero action is exactly the controller's command, except in `direct`."""
+def action_modes(robot: RobotSpec, scale: TorsoScale = TorsoScale()) -> dict[str, ActionMode]:
+    """Return the action modes by name.
+
+    A zero action is exactly the controller's command, except in `direct` and `torso_forces`.
+
+    Args:
+        robot: The described robot.
+        scale: Zero and scale of `torso_forces`.
+    """
     force, *_, torque = wrench_authority(robot)
     wrench = Channel("wrench", 6, f"± {force:.1f} N and ± {torque:g} Nm on the desired wrench, torso axes")
     quarter = "π/2" if robot.joint_limit == ROBOT.joint_limit else f"{robot.joint_limit:g}"
@@ -160,17 +245,22 @@ def action_modes(robot: RobotSpec) -> dict[str, ActionMode]:
             None,
             "commands without any controller",
         ),
+        TORSO: _torso_mode(scale, "the planned ones"),
     }  # fmt: skip
 
 
 ACTION_MODES = action_modes(ROBOT)
 """Action modes of the nominal robot."""
+ON_FLOOR = TorsoScale(trim=FLOOR)
+"""Zero and scale of `torso_forces` on the floor."""
+_LYING = "those of the lying robot"
 
 
-def crawl_modes(robot: RobotSpec) -> dict[str, ActionMode]:
-    """Return the action modes of the crawl. A zero action is exactly the crawler's command, except in `direct`."""
+def crawl_modes(robot: RobotSpec, scale: TorsoScale = ON_FLOOR) -> dict[str, ActionMode]:
+    """Return the action modes of the crawl, as `action_modes`."""
     return {
         **action_modes(robot),
+        TORSO: _torso_mode(scale, _LYING),
         "residual_gait": ActionMode((GAIT,), _gait, "shapes the gait"),
         "residual_gait_force": ActionMode(
             (GAIT, LEG_FORCES), _gait_force, "shapes the gait and adds forces to legs, as `residual_force` to rotors"
@@ -188,17 +278,56 @@ def find_action_mode(name: str, modes: Mapping[str, ActionMode] = ACTION_MODES) 
     return modes[name]
 
 
+def _turned(angles: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Turn angles the short way to the wanted ones [rad]."""
+    return angles + (np.remainder(wanted - angles + np.pi, 2.0 * np.pi) - np.pi)
+
+
 def direct_command(action: np.ndarray, vectoring: np.ndarray, robot: RobotSpec = ROBOT) -> Command:
     """Return the command of a `direct` action; angles turn the short way from the current `vectoring` (8, 2) [rad]."""
     thrust, angles, joints = np.split(action, (N_ROTORS, 3 * N_ROTORS))
-    wanted = np.pi * angles.reshape(2, N_ROTORS).T
-    way = np.remainder(wanted - vectoring + np.pi, 2.0 * np.pi) - np.pi
     return Command(
         0.5 * robot.max_thrust * (1.0 + thrust),
-        vectoring + way,
+        _turned(vectoring, np.pi * angles.reshape(2, N_ROTORS).T),
         robot.joint_limit * joints,
         np.full(N_JOINTS, robot.max_joint_torque),
     )
+
+
+def act_in_torso_axes(
+    controller: FlightControl | CrawlControl, action: np.ndarray, scale: TorsoScale, joints: JointVector,
+    R_bl: np.ndarray, *, plans: bool,
+) -> tuple[Command, JointVector]:  # fmt: skip
+    """Return the command of a `torso_forces` action and the rate of its joint setpoints [rad/s].
+
+    Set the controller's last command to it.
+
+    Args:
+        controller: Controller whose memory has the last command.
+        action: The action.
+        scale: Its zero and scale.
+        joints: Joint angles at a zero action (16,) [rad].
+        R_bl: Attitude of each link at the measured joint angles (8, 3, 3).
+        plans: Whether the flight controller plans the motion of the joints, as for its own commands; otherwise the
+            servos slew.
+    """
+    memory, robot = controller.memory, controller.model.robot
+    forces, offsets = np.split(action, (3 * N_ROTORS,))
+    forces_b = scale.force * forces.reshape(N_ROTORS, 3) + [0.0, 0.0, scale.trim * robot.weight / N_ROTORS]
+    last = memory.vectoring
+    thrust, *angles = aim(R_bl, forces_b, np.sin(last[:, 0]), np.cos(last[:, 0]))
+    vectoring = np.where((thrust < MIN_FORCE)[:, None], last, _turned(last, np.stack(angles, axis=1)))
+    target = joints + (scale.joint * offsets if offsets.size else 0.0)
+    thrust = np.minimum(thrust, robot.max_thrust)
+    command = Command(thrust, vectoring, target, np.full(N_JOINTS, robot.max_joint_torque))
+    if not plans:
+        return _slewed(controller, command)
+    assert isinstance(controller, FlightController)
+    joints_d, rate = controller.compute_joints(target, 1.0)
+    command = replace(command, joint_position=joints_d)
+    controller.set_last_command(command)
+    controller.memory = replace(controller.memory, joint_velocity=rate)
+    return command, rate
 
 
 def act_directly(controller: FlightControl | CrawlControl, action: np.ndarray) -> tuple[Command, JointVector]:
@@ -206,9 +335,14 @@ def act_directly(controller: FlightControl | CrawlControl, action: np.ndarray) -
 
     Set the controller's last command to the setpoints that the servos reach within this tick at their slew limit.
     """
-    memory = controller.memory
+    return _slewed(controller, direct_command(action, controller.memory.vectoring, controller.model.robot))
+
+
+def _slewed(controller: FlightControl | CrawlControl, command: Command) -> tuple[Command, JointVector]:
+    """Set a controller's last command to the setpoints that the servos reach within this tick at their slew limit."""
+    memory, limit = controller.memory, controller.model.robot.joint_limit
     reach = controller.config.joint_speed / CONTROL_RATE
-    command = direct_command(action, memory.vectoring, controller.model.robot)
+    command = replace(command, joint_position=np.minimum(np.maximum(command.joint_position, -limit), limit))
     step = np.minimum(np.maximum(command.joint_position - memory.joint_position, -reach), reach)
     controller.set_last_command(replace(command, joint_position=memory.joint_position + step))
     return command, step * CONTROL_RATE
@@ -229,11 +363,14 @@ _WAYPOINT = ActionMode(
 )
 
 
-def course_modes(robot: RobotSpec) -> dict[str, ActionMode]:
+def course_modes(robot: RobotSpec, scale: TorsoScale = ON_FLOOR) -> dict[str, ActionMode]:
     """Return the action modes of the course."""
     modes = action_modes(robot)
     words = "wrench and joint residuals on the manager, which follows the targets of a rule"
-    return {"waypoint": _WAYPOINT, "residual": replace(modes["residual"], doc=words), "direct": modes["direct"]}
+    return {
+        "waypoint": _WAYPOINT, "residual": replace(modes["residual"], doc=words), "direct": modes["direct"],
+        TORSO: _torso_mode(scale, _LYING),
+    }  # fmt: skip
 
 
 COURSE_MODES = course_modes(ROBOT)

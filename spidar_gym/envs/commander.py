@@ -27,7 +27,7 @@ from spidar_gym.control.flight.path import AHEAD, PathPreview
 from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.control.locomotion import orders
 from spidar_gym.control.locomotion.manager import Manager
-from spidar_gym.envs.actions import ActionMode, act_directly
+from spidar_gym.envs.actions import ActionMode, act_directly, act_in_torso_axes
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.native.constants import PROGRAMS
@@ -127,7 +127,28 @@ class Commander(ABC):
     def observe(self) -> None:
         """Write the observation into the fleet's array."""
         if not self._record["plant"]["diverged"]:
-            self._fleet.observations[0, : len(self._bound)] = self._observation()
+            seen, common = self._observation(), self._fleet.rules["rules"]
+            if common["is_scaled"]:
+                seen = seen * common["gain"][: len(seen)]
+            self._fleet.observations[0, : len(self._bound)] = seen
+
+    def _act_alone(
+        self, controller: FlightControl | CrawlControl, action: np.ndarray, joints: JointVector, *, plans: bool = False
+    ) -> tuple[Command, JointVector]:
+        """Return the command of an action without a controller, and the rate of its joint setpoints [rad/s].
+
+        Args:
+            controller: Controller whose memory has the last command.
+            action: The action.
+            joints: Joint angles at a zero action of `torso_forces` (16,) [rad].
+            plans: As in `act_in_torso_axes`.
+        """
+        scale, seen = self._mode.scale, self.seen
+        if scale is None:
+            return act_directly(controller, action)
+        assert seen is not None
+        R_bl = controller.model.snapshot(seen.joint_position, np.eye(3), seen.vectoring).R_bl
+        return act_in_torso_axes(controller, action, scale, joints, R_bl, plans=plans)
 
     @abstractmethod
     def _begin(self) -> None:
@@ -216,7 +237,8 @@ class FlightCommander(Commander):
             command = controller.step(self.seen, self.reference(), residual, self.control_state)
             self._joint_velocity = controller.last_step.joint_velocity
         else:
-            command, self._joint_velocity = act_directly(controller, action)
+            joints = self.reference().joint_target
+            command, self._joint_velocity = self._act_alone(controller, action, joints, plans=True)
         self._tell()
         return command
 
@@ -313,7 +335,7 @@ class CrawlCommander(Commander):
         if self._mode.residual is not None:
             command = self.controller.step(self.seen, self._mode.residual(action))
         else:
-            command = act_directly(self.controller, action)[0]
+            command = self._act_alone(self.controller, action, self._fleet.rules["lies"])[0]
         self._tell()
         return command
 
@@ -385,7 +407,7 @@ class CourseCommander(Commander):
         residual, seen, manager = self._mode.residual, self.seen, self.controller
         assert seen is not None
         if residual is None and not self._is_waypoint:
-            return act_directly(manager.flight, action)[0]
+            return self._act_alone(manager.flight, action, manager.lying)[0]
         if self._record["controls"] % self._decide == 0:
             target = take_target(action, self.course, seen.position_w) if self._is_waypoint else self.rule()
             self.pilot.follow(target, seen, self.course)

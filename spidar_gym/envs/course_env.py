@@ -1,5 +1,6 @@
 """The course environment: flight and crawl by targets, by residuals on a rule's commands, or without a controller."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
@@ -14,7 +15,7 @@ from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig
 from spidar_gym.control.presets import controller_config, crawler_config, for_robot
-from spidar_gym.envs.actions import course_modes, find_action_mode
+from spidar_gym.envs.actions import FLOOR, TorsoScale, course_modes, find_action_mode
 from spidar_gym.envs.commander import CourseCommander
 from spidar_gym.envs.controllers import CONTROLS, make_manager
 from spidar_gym.envs.env import SpidarEnv
@@ -23,7 +24,7 @@ from spidar_gym.envs.locking import in_turn
 from spidar_gym.envs.options import described_robot, make_task, own_robot
 from spidar_gym.envs.progress import CourseProgress
 from spidar_gym.envs.view import fps
-from spidar_gym.errors import InvalidValueError, require_instance, require_least, require_name
+from spidar_gym.errors import InvalidValueError, require_instance, require_name
 from spidar_gym.native.core_manager import CoreManager
 from spidar_gym.native.course_records import read_course, read_target
 from spidar_gym.native.engine_structs import engine_layouts
@@ -52,6 +53,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         self,
         *,
         action_mode: str = "waypoint",
+        action_scale: Mapping[str, float] | TorsoScale | None = None,
         preset: str = "tuned",
         gait: str = "robust_overlapped",
         manager: ManagerConfig | None = None,
@@ -63,6 +65,8 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
 
         Args:
             action_mode: Name of the action mode.
+            action_scale: Zero and scale of `torso_forces`: `{"force": N, "joint": rad, "trim": share of weight}`, by
+                default 3 N, 0.1 rad, 0.
             preset: Name of the flight controller.
             gait: Name of the crawler.
             manager: Custom configuration of both controllers and the transitions between them, in place of presets;
@@ -81,12 +85,11 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
             options["course"] = parse_course(options["course"])
         described = described_robot(options)
         task, shared = make_task(SpidarEnv, CourseEnv, self.task_type, options)
-        mode = find_action_mode(action_mode, course_modes(described))
+        scale = TorsoScale.parse(action_scale, FLOOR, action_mode)
+        mode = find_action_mode(action_mode, course_modes(described, scale))
         self._is_waypoint = action_mode == "waypoint"
         if hold is None:
             hold = DECIDE if self._is_waypoint else 1
-        require_least(1, hold=hold)
-        self.hold = hold
         base = manager or ManagerConfig(
             flight=controller_config(preset, described), crawl=crawler_config(gait, robot=described)
         )
@@ -108,7 +111,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         robot = replace(robot, ground=_built(task.draw_course(np.random.Generator(np.random.PCG64(0)))))
         super().__init__(
             mode, course_layout(mode.size, described), task=task, joint_speed=max(task.joint_speed, task.crawl_speed),
-            control=control, plant=robot, **shared,
+            control=control, plant=robot, hold=hold, **shared,
         )  # fmt: skip
 
     def _look_at_controller(self) -> CoreManager:
@@ -146,7 +149,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
         """Return the engine's rules, an `sp_course_rules`."""
         record = np.zeros((), engine_layouts()["course_rules"])
         fill(record["manager"], self._config)
-        record["is_waypoint"], record["hold"] = self._is_waypoint, self.hold
+        record["is_waypoint"] = self._is_waypoint
         self._fill_rules(record, truncates=truncates, autoreset=autoreset)
         return record
 

@@ -12,7 +12,7 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field, layout, path_layout
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
-from spidar_gym.envs.actions import ACTION_MODES, COURSE_MODES, CRAWL_MODES, ActionMode
+from spidar_gym.envs.actions import ACTION_MODES, COURSE_MODES, CRAWL_MODES, TORSO, ActionMode
 from spidar_gym.envs.course_env import CourseEnv
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
@@ -30,6 +30,9 @@ from spidar_gym.tasks import course as course_task
 from spidar_gym.tasks import crawl as crawl_task
 from spidar_gym.tasks import hover as hover_task
 from spidar_gym.tasks import path as path_task
+from spidar_gym.tasks.sloped import REWARDS as TERMS
+from spidar_gym.tasks.sloped import SLOPED
+from spidar_gym.tasks.task import Task
 from spidar_gym.text import markdown_rows
 
 INFO = {
@@ -91,14 +94,17 @@ class Chapter:
     """Options of `reset`, as a call."""
     trim: str
     """Sentence about the controller's knowledge of a randomised robot."""
-    zero: str = "A zero action is exactly the preset's\ncommand in every mode but `direct`."
+    zero: str = "A zero action is exactly the preset's\ncommand in every mode but `direct` and `torso_forces`."
     """Sentence about a zero action."""
+    arrival: str = ""
+    """Sentence about the end of an episode with the reward `sloped`."""
     law: str = "FlightController"
     """Base class of the argument `law`."""
     step: str = f"One step is one control period of {1000 / CONTROL_RATE:g} ms."
     """Sentence about the length of a step."""
 
 
+_ENDS = "\nAn episode then ends, terminated without a failure, with its success"
 HOVER_CHAPTER = Chapter(
     HoverEnv,
     hover_task.HoverTask,
@@ -165,6 +171,7 @@ CHAPTERS: dict[str, Chapter] = {
         list(CRAWL_PRESETS), "CrawlerConfig", "{'disturbances': {...}}",
         "controller keeps the nominal parameters.",
         law="Crawler",
+        arrival=f"{_ENDS}: the torso within `arrival_position` (0.05 m) and `arrival_yaw` (0.1 rad) of the goal.",
     ),
     "spidar_gym/Course-v0": Chapter(
         CourseEnv, course_task.CourseTask, COURSE_MODES, course_task.RANGES, course_layout,
@@ -190,7 +197,8 @@ CHAPTERS: dict[str, Chapter] = {
         "controller keeps the nominal parameters.",
         "A zero action is in\n`waypoint` a target on the floor at the current position, in `residual` exactly the "
         "rule's command.",
-        f"With `waypoint` one step is {1000 * course_task.DECIDE / CONTROL_RATE:g} ms, else one control period of "
+        arrival=f"{_ENDS}.",
+        step=f"With `waypoint` one step is {1000 * course_task.DECIDE / CONTROL_RATE:g} ms, else one control period of "
         f"{1000 / CONTROL_RATE:g} ms.",
     ),
 }  # fmt: skip
@@ -206,18 +214,21 @@ def _action_rows(modes: dict[str, ActionMode]) -> Iterator[Sequence[str]]:
             label, start = ("", ""), end
 
 
-def _observation_rows(fields: tuple[Field, ...]) -> Iterator[Sequence[str]]:
+def _observation_rows(fields: tuple[Field, ...], *, scaled: bool = False) -> Iterator[Sequence[str]]:
     start = 0
     for f in fields:
         where = f"{start}" if f.size == 1 else f"{start}–{start + f.size - 1}"
-        yield where, f"`{f.name}`", f"{f.bound:g}", f.unit, f.doc
+        yield where, f"`{f.name}`", f"{f.bound:g}", *([f"{f.scale:g}"] if scaled else []), f.unit, f.doc
         start += f.size
 
 
 def _other_observations(own: Chapter) -> Iterator[str]:
     """Yield the sections on the observations other than the flat vector."""
     goal = own.env.goal_type
-    yield "The argument `observation` selects `vector`, the above and the default, or one of these dictionaries."
+    yield (
+        "The argument `observation` selects `vector`, the above and the default, `scaled`, the same with every number\n"
+        "over its scale, for networks without a normaliser, or one of these dictionaries."
+    )
     yield "### Goal"
     if goal is None:
         yield f"`goal` is refused: {own.env.no_goal}."
@@ -271,13 +282,15 @@ def page(name: str) -> str:
         "\n".join(f"- `{n}`: {mode.doc}." for n, mode in own.modes.items()),
         "## Observation Space",
         f"`Box(-bound, bound, ({size},), float32)` in the default action mode: values available on the real robot.",
-        markdown_rows("entries | name | bound ± | unit | meaning", _observation_rows(fields)),
+        markdown_rows("entries | name | bound ± | scale | unit | meaning", _observation_rows(fields, scaled=True)),
         *_other_observations(own),
         "## Rewards",
         "The weighted sum of terms in [0, 1]; the weights add up to 1. Every term is in `info` as `reward_<term>`.",
-        markdown_rows(
-            "term | weight | formula", ((f"`{n}`", f"{w:g}", text) for n, (w, text) in own.task.reward_terms.items())
-        ),
+        _reward_table(own.task),
+        "### Sloped",
+        '`reward="sloped"` selects terms with a slope everywhere, for learning from nothing, not all of them in [0, 1].'
+        + own.arrival,
+        _reward_table(SLOPED[own.task]),
         "## Info",
         markdown_rows("key | shape | unit | meaning", ((f"`{k.replace(', ', '`, `')}`", *v) for k, v in info.items())),
         "Solve times are not in `info`, which depends only on seed and actions. The engine measures none;\n"
@@ -317,6 +330,12 @@ def page(name: str) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
+def _reward_table(task: type[Task[Any]]) -> str:
+    return markdown_rows(
+        "term | weight | formula", ((f"`{n}`", f"{w:g}", text) for n, (w, text) in task.reward_terms.items())
+    )
+
+
 def _randomised(title: str, rows: Iterable[Row]) -> str:
     """Return a table of parameters that are randomised."""
     return markdown_rows(
@@ -340,10 +359,14 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "allocator": "custom subclass of `Allocator` in place of the QP",
         "law": f"custom subclass of `{own.law}` in place of the paper's",
         "control": "`core`, the controller that is compiled for the robot, or `python`, the Python controller",
-        "hold": "control periods of 25 ms per step; by default 20 with `waypoint`, 1 with the others",
+        "action_scale": 'zero and scale of `torso_forces`: `{"force": N, "joint": rad, "trim": share of the weight}`, '
+        f"by default 3, 0.1 and {_trim(own):g}; with `joint` 0 the action has no entries for joints",
+        "hold": "control periods of 25 ms per step, through which an action is held"
+        + ("; by default 20 with `waypoint`, 1 with the others" if own.env is CourseEnv else ""),
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",
         "task": f"custom task: an object of a class derived from `{own.task.__name__}`, the class, or its name, "
         "`module:Class`",
+        "reward": "one of " + ", ".join(f"`{n}`" for n in TERMS) + ", the first by default",
         "idle_thrust": "least thrust of a module [N]; about 1.2 for armed motors",
         "robot": "custom robot of controller and simulator: a `RobotSpec`, its numbers by name, or a TOML file",
         "plant": "custom `PlantConfig`, the simulated robot, to which the arguments below are applied",
@@ -364,6 +387,12 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
     }
     parameters = {**inspect.signature(SpidarEnv.__init__).parameters, **inspect.signature(own.env).parameters}
     return rows + [(n, parameters[n].default, doc) for n, doc in meanings.items() if n in parameters]
+
+
+def _trim(own: Chapter) -> float:
+    scale = own.modes[TORSO].scale
+    assert scale is not None
+    return scale.trim
 
 
 def _names(own: Chapter) -> str:

@@ -26,7 +26,14 @@ from spidar_gym.envs.options import own_robot
 from spidar_gym.envs.reset import Resettable
 from spidar_gym.envs.serialization.environments import Restorable
 from spidar_gym.envs.view import RENDER_MODES, View, fps
-from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_flag, require_within
+from spidar_gym.errors import (
+    InvalidValueError,
+    SpidarError,
+    require_array,
+    require_flag,
+    require_least,
+    require_within,
+)
 from spidar_gym.native.draws import take_back
 from spidar_gym.native.plant import Plant, read_command, read_state
 from spidar_gym.robot import RobotSpec
@@ -72,6 +79,7 @@ class SpidarEnv(
         joint_speed: float,
         control: str,
         task: Any = None,  # noqa: ANN401 - user input, converted by `make_task`
+        reward: str | None = None,
         idle_thrust: float = 0.0,
         robot: RobotSpec | str | Path | Mapping[str, Any] | None = None,
         plant: PlantConfig | None = None,
@@ -82,6 +90,7 @@ class SpidarEnv(
         disturbances: Mapping[str, Any] | Disturbances | None = None,
         observation: str = "vector",
         goal_reward: str = "sparse",
+        hold: int = 1,
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
@@ -97,6 +106,7 @@ class SpidarEnv(
             control: `python` or `core`.
             task: Custom task in place of the built-in one: an object of a class derived from it, the class, or its
                 name, `module:Class`.
+            reward: Reward terms: `narrow`, the default, or `sloped` for learning from nothing.
             idle_thrust: Least commanded thrust of a module [N].
             robot: Custom robot of the controller and the simulator: a `RobotSpec`, its numbers by name, or a TOML file
                 of these; the nominal robot by default.
@@ -107,8 +117,9 @@ class SpidarEnv(
             randomization: Strength of the domain randomisation, 0 … 1; or ranges by field, as `Randomization.parse`
                 takes them: `{"body.total_mass": (15.5, 17.0)}`, or a TOML file.
             disturbances: `{"wind": m/s, "push": N, "lost_rotor": 1 … 8, "fault": …, "fault_time": s}`.
-            observation: `vector`, `goal` or `asymmetric`, see `OBSERVATIONS`.
+            observation: `vector`, `scaled`, `goal` or `asymmetric`, see `OBSERVATIONS`.
             goal_reward: `sparse` or `dense` with the observation `goal`, see `REWARDS`.
+            hold: Control periods of 25 ms per step, through which an action is held.
             max_episode_steps: Steps after which an episode is truncated, at most those of `horizon_s` if that is given
                 too; −1 for no end, which is the default of an environment that `gymnasium.make` has not made.
             render_mode: `human`, `rgb_array`, `depth_array` or None.
@@ -121,6 +132,7 @@ class SpidarEnv(
             InvalidValueError: For a value out of range, and for the observation `goal` without a goal.
             StaleAssetError: When the model file was edited by hand.
         """
+        del reward  # it selected the task
         nominal = own_robot(plant, robot)
         self.task = task
         self.reward_terms, self.failures = task.reward_terms, tuple(task.failures)
@@ -131,6 +143,8 @@ class SpidarEnv(
         self.view = View(render_mode, camera, width, height, self.robot)
         """Renderer."""
         require_flag(wake=wake, battery=battery, sensors=sensors)
+        require_least(1, hold=hold)
+        self.hold = hold
         require_within(0.0, self.robot.max_thrust, "N", idle_thrust=idle_thrust)
         self._bound = np.concatenate([np.full(f.size, f.bound) for f in layout])
         layout = (*layout, *self.task.fields)
@@ -155,7 +169,10 @@ class SpidarEnv(
         self.render_mode = render_mode
         self.metadata = self.metadata | {"render_fps": fps(self.hold)}
         self.action_space = spaces.Box(-1.0, 1.0, (mode.size,), np.float32)
-        high = np.concatenate([np.full(f.size, f.bound) for f in layout]).astype(np.float32)
+        self._gain = np.concatenate(
+            [np.full(f.size, 1.0 / f.scale if observation == "scaled" else 1.0) for f in layout]
+        )
+        high = (np.concatenate([np.full(f.size, f.bound) for f in layout]) * self._gain).astype(np.float32)
         flat = spaces.Box(-high, high, dtype=np.float32)
         self.sight = self._choose_sight(observation, goal_reward, flat, layout)
         self.observation_space = flat if self.sight is None else self.sight.space
@@ -368,9 +385,11 @@ class SpidarEnv(
     def _fill_rules(self, record: np.ndarray, *, truncates: bool, autoreset: str) -> None:
         """Fill the part of the rules that all environments share."""
         engine_rules.common(
-            record["rules"], self._nominal, self._mode, self._bound, randomization=self._randomization,
-            horizon=self.horizon, truncates=truncates, autoreset=autoreset,
+            record["rules"], self.task, self._nominal, self._mode, self._bound, randomization=self._randomization,
+            horizon=self.horizon, hold=self.hold, truncates=truncates, autoreset=autoreset,
         )  # fmt: skip
+        record["rules"]["is_scaled"] = bool((self._gain != 1.0).any())
+        record["rules"]["gain"][: len(self._bound)] = self._gain[: len(self._bound)]
         record["rules"]["is_referred"] = self.task.refers
         record["rules"]["is_commanded"] = not is_compiled(self._control)
         self.task.write(record)

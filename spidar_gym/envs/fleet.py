@@ -118,11 +118,14 @@ class Fleet:
         self._weights = np.array([weight for weight, _ in task.reward_terms.values()])
         self._failed, self._never = np.zeros((len(self._codes), robots), bool), np.zeros(robots, bool)
         self._rewards, self._shape = np.zeros(robots), (robots,)
-        self._advances, self._draws = task.overrides("advance"), task.overrides("draw")
+        self._advances, self._draws = type(task).advance is not Task.advance, task.overrides("draw")
+        self._ends_with_success = task.ends_with_success
         self._tells = type(task).tell is not Task.tell
         self._starts = hasattr(task, "start") and task.overrides("start")
         self._refers = task.refers
         self._bound = np.concatenate([[], *(np.full(f.size, f.bound) for f in task.fields)])
+        scaled = bool(common["is_scaled"].flat[0])
+        self._gain = np.concatenate([[], *(np.full(f.size, 1.0 / f.scale if scaled else 1.0) for f in task.fields)])
         self._was_over = True
 
     def __getstate__(self) -> dict[str, Any]:
@@ -232,7 +235,8 @@ class Fleet:
         Raises:
             InvalidValueError: For a crawl, or an action mode other than `direct`.
         """
-        if self.kind != "hover" or not np.all(self.rules["rules"]["mode"]["is_direct"]):
+        mode = self.rules["rules"]["mode"]
+        if self.kind != "hover" or not np.all(mode["is_direct"] & ~mode["is_in_torso_axes"]):
             raise InvalidValueError("action_mode", self.kind, "a flight with action_mode=direct")
         self.rules["rules"]["is_advised"] = 1
 
@@ -351,13 +355,14 @@ class Fleet:
 
     @property
     def _is_plain(self) -> bool:
-        """Whether a step runs no custom code."""
-        return self.commander is None and not self.task.is_own
+        """Whether a step runs no custom code and no task with memory, so that a second evaluation changes nothing."""
+        return self.commander is None and not (self.task.is_own or self._advances)
 
     def _move(self, ids: np.ndarray | None) -> None:
-        """Simulate a step of robots; a Python controller commands each of its control periods."""
-        commander = self.commander
-        hold = int(self.rules["hold"]) if commander is not None and self.kind == "course" else 1
+        """Simulate a step of robots; Python's commands and references are new in each of its control periods."""
+        commander, hold = self.commander, 1
+        if self._refers or commander is not None:
+            hold = int(self.rules["rules"]["hold"].flat[0])
         for period in range(hold):
             if commander is not None:
                 commander.act()
@@ -367,13 +372,17 @@ class Fleet:
                 commander.look()
             if self._refers or commander is not None:
                 self._run(self._after, ids)
-            if hold > 1 and self._stops():
-                break
+            if period + 1 < hold:
+                ids = self._going(ids)
+                if not ids.size:
+                    break
 
-    def _stops(self) -> bool:
-        """Return whether the only robot's step ends early."""
-        limits = getattr(self.task, "stops", {})
-        return bool(self.view.diverged[0]) or any(getattr(self.view, name)[0] > most for name, most in limits.items())
+    def _going(self, ids: np.ndarray | None) -> np.ndarray:
+        """Return the robots whose step of several control periods does not end early."""
+        ends = self.begun | (self.view.diverged != 0.0)
+        for name, most in self.task.stops.items():
+            ends |= getattr(self.view, name) > most
+        return np.flatnonzero(~ends) if ids is None else ids[~ends[ids]]
 
     @property
     def _after(self) -> str:
@@ -385,16 +394,17 @@ class Fleet:
         task, view, failed = self.task, self.view, self._failed
         if self._advances:
             task.advance(view)
-        np.not_equal(view.diverged, 0.0, out=failed[0])
-        for k, mask in enumerate(self._rows(task.failed(view), self._words, "failed", "?"), 1):
-            failed[k] = mask
-        terminated, truncated, begun = self._never, self._never, _NONE
-        if np.count_nonzero(failed):
-            terminated = np.logical_or.reduce(failed)
+        self._note_failures()
         terms, rewards = self._reward(failed[0])
         succeeded = task.succeeded(view)
         if not (type(succeeded) is np.ndarray and succeeded.dtype.char == "?" and succeeded.shape == self._shape):
             succeeded = checked_array(f"{self._name}.succeeded", succeeded, self._shape, "?")
+        terminated, truncated, begun = self._never, self._never, _NONE
+        if np.count_nonzero(failed):
+            terminated = np.logical_or.reduce(failed)
+            succeeded = succeeded & ~terminated
+        if self._ends_with_success and np.count_nonzero(succeeded):
+            terminated = terminated | succeeded
         if np.count_nonzero(self._truncates):
             truncated = (view.ticks >= self._horizon) & (self._truncates != 0)
         way = self._autoreset.flat[0]
@@ -410,11 +420,17 @@ class Fleet:
             self._note_ends(rows, terminated, truncated, over, begun)
         self._go_on(begun)
         if np.count_nonzero(succeeded):
-            self._success[rows] = (succeeded & ~terminated)[rows]
+            self._success[rows] = succeeded[rows]
         self._tell()
         self._observe()
         if ends and way == _SAME_STEP:
             self._begin_anew(np.flatnonzero(over) if isinstance(rows, slice) else rows[over[rows]])
+
+    def _note_failures(self) -> None:
+        """Write which failures each robot has; the first is that of the engine."""
+        np.not_equal(self.view.diverged, 0.0, out=self._failed[0])
+        for k, mask in enumerate(self._rows(self.task.failed(self.view), self._words, "failed", "?"), 1):
+            self._failed[k] = mask
 
     def _reward(self, diverged: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return terms (N, k) and rewards (N,); both are 0 for a robot that has diverged."""
@@ -448,7 +464,7 @@ class Fleet:
         begun: np.ndarray,
     ) -> None:  # fmt: skip
         """Write which episodes are over, and their failures."""
-        failure = np.where(terminated, self._codes[self._failed.argmax(axis=0)], -1)
+        failure = np.where(np.logical_or.reduce(self._failed), self._codes[self._failed.argmax(axis=0)], -1)
         failure[begun] = -1
         episode = self._episode
         for name, values in (("failure", failure), ("truncated", truncated), ("over", over)):
@@ -574,7 +590,7 @@ class Fleet:
             own.append(values)
         seen = np.clip(np.concatenate(own, axis=1), -self._bound, self._bound)
         seen[self.view.diverged != 0.0] = 0.0
-        self.observations[rows, -len(self._bound) :] = seen[rows]
+        self.observations[rows, -len(self._bound) :] = (self._gain * seen)[rows]
 
     @property
     def _name(self) -> str:

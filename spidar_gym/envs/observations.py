@@ -26,6 +26,7 @@ from spidar_gym.sim.rows import TABLE, Row
 
 OBSERVATIONS = {
     "vector": "one vector of values available on the real robot",
+    "scaled": "the vector, each field divided by the usual size of its values",
     "goal": "the vector without the goal, and the achieved and desired goals, for hindsight experience replay (HER)",
     "asymmetric": "the vector, and privileged values for a critic or a teacher",
 }

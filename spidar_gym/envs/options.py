@@ -13,9 +13,11 @@ from spidar_gym.errors import (
     require_arguments,
     require_instance,
     require_least,
+    require_name,
 )
 from spidar_gym.robot import RobotSpec
 from spidar_gym.sim.config import PlantConfig
+from spidar_gym.tasks.sloped import REWARDS, SLOPED
 from spidar_gym.tasks.task import Task, check_weights
 
 TaskT = TypeVar("TaskT", bound=Task[Any])
@@ -33,7 +35,7 @@ def option_names(shared: type, env: type, task: type) -> list[str]:
         for name, p in inspect.signature(kind.__init__).parameters.items()
         if p.default is not p.empty
     ]
-    return [*inspect.signature(task).parameters, *named]
+    return [*dict.fromkeys([*inspect.signature(task).parameters, *named])]
 
 
 def make_task(
@@ -52,7 +54,7 @@ def make_task(
         UnknownArgumentError: For an argument that does not exist; it lists the valid ones.
         InvalidValueError: For a task of other robots, weights that do not add up to 1, failures without `diverged`.
     """
-    given = find_task(options.get("task"), built_in)
+    given = find_task(options.get("task"), built_in, options.get("reward"))
     kind = given if isinstance(given, type) else type(given)
     require_arguments(options, option_names(shared, env, kind))
     names = {field.name: field.default for field in fields(kind)}
@@ -73,14 +75,24 @@ def make_task(
     return task, rest
 
 
-def find_task(task: object, built_in: type[TaskT]) -> TaskT | type[TaskT]:
-    """Return a task as an object or a class, given as an object, a class, or a name `module:Class`; None: `built_in`.
+def find_task(task: object, built_in: type[TaskT], reward: str | None = None) -> TaskT | type[TaskT]:
+    """Return a task as an object or a class.
+
+    Args:
+        task: Custom task: an object, a class, or a name `module:Class`; None for `built_in`.
+        built_in: The environment's own task.
+        reward: One of `REWARDS`, which selects the terms of a task that is not a custom one.
 
     Raises:
-        InvalidValueError: For a name of no class, and a task of other robots.
+        UnknownNameError: For a reward that does not exist; it lists the valid ones.
+        InvalidValueError: For a name of no class, a task of other robots, and a reward beside a custom task.
     """
+    if reward is not None:
+        require_name("reward", reward, REWARDS)
     if task is None:
-        return built_in
+        return SLOPED[built_in] if reward == "sloped" else built_in  # pyright: ignore[reportReturnType] - derived
+    if reward is not None:
+        raise InvalidValueError("reward", reward, "none with a custom task, which has its own terms")
     found = task
     if isinstance(task, str):
         module, _, name = task.partition(":")

@@ -141,10 +141,11 @@ class Resettable(ABC):
     def _with(self, others: Mapping[str, Any]) -> dict[str, Any]:
         """Merge new values into the arguments; options of a custom task are merged into `task`."""
         arguments = self._arguments | self._choices | dict(others)
-        task = find_task(arguments.get("task"), self.task_type)
+        task = find_task(arguments.get("task"), self.task_type, arguments.get("reward"))
         built_in = {field.name for field in fields(self.task_type)}
         own = {f.name: arguments.pop(f.name) for f in fields(task) if f.name in arguments and f.name not in built_in}
         if own:
+            arguments.pop("reward", None)
             arguments["task"] = task(**own) if isinstance(task, type) else replace(task, **own)
         return arguments
 

@@ -19,7 +19,7 @@ from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.info import Draws, arrays_of, info_of, words_of
 from spidar_gym.envs.locking import in_turn, whole
 from spidar_gym.envs.observations import Rewarding, Shown
-from spidar_gym.envs.options import require_vector_options
+from spidar_gym.envs.options import find_task, require_vector_options
 from spidar_gym.envs.path_env import PathEnv
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, RegisteredSteps, environment
 from spidar_gym.envs.serialization.fleets import restore, save
@@ -76,7 +76,8 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         require_least(1, num_envs=num_envs, num_threads=num_threads)
         mode = vector_options.autoreset(autoreset_mode)
         kind = KINDS[name]
-        require_vector_options(SpidarEnv, kind, kind.task_type, options)
+        task = find_task(options.get("task"), kind.task_type, options.get("reward"))
+        require_vector_options(SpidarEnv, kind, task if isinstance(task, type) else type(task), options)
         if options.get("render_mode") == "human":
             raise InvalidValueError("render_mode", "human", "rgb_array or depth_array: a window shows a single robot")
         single = kind(control="core", **options)

@@ -20,6 +20,8 @@ TWO_PI = 2.0 * math.pi
 HALF_PI = 0.5 * math.pi
 MIN_FORCE = 0.5
 """Below this thrust [N] the direction of a force is ignored."""
+AIM_HOLD = 0.05
+"""Share of a force in torso axes that is added along the last φ, since φ is undefined for a thrust along φ's axis."""
 TURN_BIAS = 0.1
 """Preference of each leg for one of the two turns to the tangential plane [rad]."""
 
@@ -46,6 +48,29 @@ def thrust_map(R_bl: Float[np.ndarray, "8 3 3"], rotor_c: RotorForces) -> Float[
     Q[:3] = R_bl.transpose(1, 0, 2)
     Q[3:] = ((rotor_c @ CROSS).reshape(8, 3, 3) @ R_bl).transpose(1, 0, 2)
     return Q.reshape(6, 24)
+
+
+def aim(
+    R_bl: np.ndarray, forces_b: np.ndarray, sine: np.ndarray, cosine: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compute λ [N], φ and θ [rad], each (…, 8), of modules whose thrusts are forces in torso axes.
+
+    Of the two pairs (φ, θ) that point a module along its force, the one with φ closer to the last φ is used. φ is that
+    of the force plus `AIM_HOLD` times its length along the last φ. The component of the force across φ's plane is
+    omitted.
+
+    Args:
+        R_bl: Attitude of each link, (…, 8, 3, 3).
+        forces_b: Forces in torso axes, (…, 8, 3) [N].
+        sine: Sine of the last φ, (…, 8).
+        cosine: Its cosine.
+    """
+    x, y, z = np.moveaxis((np.swapaxes(R_bl, -1, -2) * forces_b[..., None, :]).sum(axis=-1), -1, 0)
+    hold = AIM_HOLD * np.sqrt(x * x + y * y + z * z)
+    side = np.where(cosine * z - sine * y < 0.0, -1.0, 1.0)
+    phi = np.arctan2(hold * sine - side * y, hold * cosine + side * z)
+    along = np.cos(phi) * z - np.sin(phi) * y
+    return np.hypot(x, along), phi, np.arctan2(x, along)
 
 
 def force_to_angles(

@@ -61,7 +61,7 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", observation, ("NO_NEXT_FORM",)),
     ("", state, ("LEAST_QUATERNION",)),
     ("", so3, ("SMALL_ANGLE", "SMALL_SINE")),
-    ("", rotor, ("MIN_FORCE", "TURN_BIAS")),
+    ("", rotor, ("MIN_FORCE", "AIM_HOLD", "TURN_BIAS")),
     ("", rotors, ("NARROW",)),
     ("", centroidal, ("MISSED_FORCE", "MISSED_TORQUE")),
     ("", compensation, ("MAX_EXTERNAL_SHARE", "MAX_EXTERNAL_TORQUE")),
@@ -161,8 +161,8 @@ ENUMERATIONS = {
                     count="GATE_KINDS"),
         Enumeration("channel", "Channels of a policy's action, in the order of its entries.", CHANNELS, "CHANNEL_",
                     tuple(1 << k for k in range(len(CHANNELS)))),
-        Enumeration("policy_target", "Controller that a policy adds to; `direct` commands a flight itself.",
-                    ("none", "flight", "crawl", "direct"), "POLICY_", (-1, 0, 1, 2)),
+        Enumeration("policy_target", "Controller that a policy adds to, or `direct` for one without a controller.",
+                    ("none", "flight", "crawl", "direct", "crawl_direct"), "POLICY_", (-1, 0, 1, 2, 3)),
     )
 }  # fmt: skip
 """Enumerations by the name of their type without `sp_`."""

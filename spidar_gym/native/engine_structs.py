@@ -62,13 +62,13 @@ MAX_FRAMES = 16
 """Largest number of delayed motion-capture frames: at 100 Hz more than the longest latency, 0.1 s, and four more."""
 DRAWN = ("equal", "independent", "narrow")
 """Sequences of forms that are sampled from ranges of angles."""
-COURSE_QUANTITIES = quantity_names(CourseQuantities)
-"""Quantities of a course, in the order of its block."""
+MAX_QUANTITIES = max(len(quantity_names(kind)) for kind in (HoverQuantities, CrawlQuantities, CourseQuantities))
+"""Largest number of quantities of a task."""
 ENGINE_SIZES = {
     "DUCTS": N_DUCTS, "ACTUATORS": N_ACTUATORS, "BALLS": N_BALLS, "STATIONS": N_STATIONS, "DOFS": N_DOFS,
     "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES,
     "TILES": TILES, "STAIR_ROW": STAIR_ROW, "STAIR_ROWS": STAIR_ROWS, "STAIRS": STAIRS, "BOXES": BOXES,
-    "AIR_STEPS": AIR_STEPS, "COURSE_QUANTITIES": len(COURSE_QUANTITIES), "SERVO_STEPS": SERVO_STEPS,
+    "AIR_STEPS": AIR_STEPS, "SERVO_STEPS": SERVO_STEPS,
     "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST, "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
 }  # fmt: skip
 """Numbers by their names in C without `SP_`."""
@@ -229,6 +229,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
     )),
     CStruct("action_mode", "Meaning of the entries of an action.", (
         ("size is_direct channels", "i4", (), "entries; whether they bypass the controller; bits of sp_channel"),
+        ("is_in_torso_axes", "i4", (), "whether those that bypass it are forces in torso axes and offsets of joints"),
+        ("trim", "f8", (), "share of the weight that the rotors bear at a zero action in torso axes"),
         ("authority", "f8", (MAX_ENTRIES,), "value of an entry of 1"),
     )),
     CStruct("rules", "Rules that all robots of an environment share.", (
@@ -236,13 +238,15 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("estimator", "estimator_config", (), ""),
         ("mode", "action_mode", (), ""),
         ("bound", "f8", (MAX_OBSERVATION,), "of each number of the observation"),
-        ("size", "i4", (), "of the observation"),
+        ("gain", "f8", (MAX_OBSERVATION,), "factor of each of its numbers, after the bound"),
+        ("size is_scaled", "i4", (), "of the observation; whether its numbers are multiplied by `gain`"),
         ("is_described", "i4", (), "whether integrals begin at zero, as a described robot needs no trim"),
         ("draws", "i4", (), "number of valid entries of `draw`"),
         ("draw", "draw", (MAX_DRAWS,), "in the order of the draws"),
         ("strength", "f8", (), "of the randomisation, 0 … 1"),
         ("kinds kind", "i4", (), "number of kinds of robots, 0 for one; the given kind, −1 for a sampled one"),
-        ("horizon", "i8", (), "ticks of an episode, after which success is evaluated"),
+        ("horizon hold", "i8", (), "steps of an episode, after which success is evaluated; ticks of a step"),
+        ("stop", "f8", (MAX_QUANTITIES,), "limits of the quantities, above which a step of several ticks ends"),
         ("truncates autoreset", "i4", (), "whether the episode ends at the horizon; sp_autoreset"),
         ("is_commanded is_referred", "i4", (), "whether commands come from Python; whether references do"),
         ("is_advised", "i4", (), "whether the controller computes its advice where actions bypass it"),
@@ -404,8 +408,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("first_gap gap goal_way", "f8", (2,), "ranges: to the first gate, between gates, floor to goal [m]"),
         ("floor_gap floor_length middle goal_side goal_yaw", "f8", (), "[m], the last [rad]"),
         ("charge", "f8", (2,), "range of the initial charge"),
-        ("is_waypoint hold decide", "i4", (), "whether an action is a target; ticks of a step; of a decision"),
-        ("stop", "f8", (len(COURSE_QUANTITIES),), "limit of each quantity above which a step ends"),
+        ("is_waypoint decide", "i4", (), "whether an action is a target; ticks between decisions"),
         ("lies at_rest", "f8", (), "[m], [m/s]"),
         ("carried turn_length success_position success_yaw", "f8", (), "of the weight; per radian [m]; [m], [rad]"),
     )),

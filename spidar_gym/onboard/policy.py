@@ -9,7 +9,7 @@ from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.envs import actions
-from spidar_gym.envs.actions import ActionMode
+from spidar_gym.envs.actions import ActionMode, TorsoScale
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import CRAWL, HOVER
@@ -25,7 +25,7 @@ from spidar_gym.robot import ROBOT
 
 TORSO_UNITS = {
     "FORCE": torso.FORCE, "OFFSET": torso.OFFSET, "SPEED": torso.SPEED, "ACCELERATION": torso.ACCELERATION,
-    "SURE": torso.SURE, "HOLD": torso.HOLD, "JOINT_LIMIT": ROBOT.joint_limit,
+    "SURE": torso.SURE, "JOINT_LIMIT": ROBOT.joint_limit,
 }  # fmt: skip
 """Constants of a network in torso axes, by names in C."""
 PLACES = {
@@ -38,10 +38,10 @@ PLACES = {
 RATE = 10.0
 """Largest rate of every entry of an action [1/s]; the range −1 … 1 has length 2."""
 ENVIRONMENTS = {
-    HOVER: ("SP_POLICY_FLIGHT", HoverEnv, actions.ACTION_MODES, layout),
-    CRAWL: ("SP_POLICY_CRAWL", CrawlEnv, actions.CRAWL_MODES, crawl_layout),
+    HOVER: ("SP_POLICY_FLIGHT", "SP_POLICY_DIRECT", HoverEnv, actions.action_modes, actions.AIR, layout),
+    CRAWL: ("SP_POLICY_CRAWL", "SP_POLICY_CRAWL_DIRECT", CrawlEnv, actions.crawl_modes, actions.FLOOR, crawl_layout),
 }
-"""Environment → its name in C, class, action modes, layout of the observation."""
+"""Environment → its names in C with and without a controller, class, action modes, trim, layout of the observation."""
 
 
 def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
@@ -60,9 +60,11 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
     if artifact is None:
         return _header("no policy", _words("SP_POLICY_NONE", "", "", (0,), "0"), {})
     require_name("environment of a residual", artifact.env_id, ENVIRONMENTS)
-    kind, env, modes, fields = ENVIRONMENTS[artifact.env_id]
-    mode = _mode(artifact, str(_argument(artifact, env, "action_mode")), modes)
+    kind, alone, env, modes, trim, fields = ENVIRONMENTS[artifact.env_id]
+    name, given = str(_argument(artifact, env, "action_mode")), _argument(artifact, env, "action_scale")
+    mode = _mode(artifact, name, modes(ROBOT, TorsoScale.parse(given, trim, name)))
     bound = np.concatenate([np.full(field.size, field.bound) for field in fields(mode.size)])
+    gain = np.concatenate([np.full(field.size, 1.0 / field.scale) for field in fields(mode.size)])
     sizes = (len(artifact.mean), *(len(bias) for bias in artifact.biases))
     traces = len(artifact.traced) * len(artifact.trace_times)
     _check_sizes(artifact, max(sizes), traces, (len(bound), mode.size))
@@ -71,12 +73,14 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
     added = mode.channels if mode.residual else ()
     channels = " | ".join(f"SP_CHANNEL_{channel.name.upper()}" for channel in added) or "0"
     said = _said(artifact)
-    words = _words(kind if mode.residual else "SP_POLICY_DIRECT", artifact.name, preset, (*sizes[:-1], said), channels)
+    words = _words(kind if mode.residual else alone, artifact.name, preset, (*sizes[:-1], said), channels)
     words |= {"ACTIONS": artifact.answers, "SEES": artifact.sees, "TRACES": traces, "SKIP": int(artifact.skip.size > 0)}
+    words |= _held(artifact, mode)
     words["RELU"] = int(artifact.activation == "relu")
     words["SQUASH"] = int(artifact.output == "tanh")
     words["CLIP"] = f"{hex_float(artifact.clip)} /* of a normalised observation */"
     words["STEP"] = f"{hex_float(rate / CONTROL_RATE)} /* largest change of an action per tick: {rate:g} per second */"
+    known = mode.scale.authorities if mode.scale else actions.AUTHORITIES if added else {}
     share = Washout(artifact.washout).share
     *first, (weight, bias) = zip(artifact.weights, artifact.biases, strict=True)
     network = Network((*first, (weight[:said], bias[:said])), skip=artifact.skip[:said])
@@ -85,8 +89,9 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
         "DEVIATION": np.sqrt(artifact.variance.astype(float)),
         "BOUND": bound,
         "WASHOUT": share if len(share) else np.zeros(mode.size),
+        "GAIN": gain if words["SCALED"] else np.zeros(1),
         "AUTHORITY": np.concatenate(
-            [np.broadcast_to(actions.AUTHORITIES[each.name], each.size) for each in added] or [np.zeros(1)]
+            [np.broadcast_to(known[each.name], each.size) for each in mode.channels if known] or [np.zeros(1)]
         ),
         "WEIGHTS": network.numbers,
     }
@@ -108,14 +113,29 @@ def _argument(artifact: Artifact, env: type, name: str) -> object:
 
 
 def _mode(artifact: Artifact, name: str, modes: dict[str, ActionMode]) -> ActionMode:
-    """Return the action mode if the core supports it: one that adds to the controller, or `direct` in flight."""
+    """Return the action mode if the core supports it: not `direct` on the floor, no washout without a controller."""
     mode = actions.find_action_mode(name, modes)
-    if mode.residual is None and artifact.env_id != HOVER:
+    if mode.residual is None and mode.scale is None and artifact.env_id != HOVER:
         adding = ", ".join(n for n, m in modes.items() if m.residual is not None)
-        raise InvalidValueError(f"action mode of {artifact.name}", name, f"one that adds to the controller: {adding}")
+        raise InvalidValueError(
+            f"action mode of {artifact.name}", name, f"{actions.TORSO}, or one that adds to the controller: {adding}"
+        )
     if mode.residual is None and artifact.washout.any():
         raise InvalidValueError(f"washout of {artifact.name}", "given", "none without a controller")
     return mode
+
+
+def _held(artifact: Artifact, mode: ActionMode) -> dict[str, object]:
+    """Return how an action and an observation are scaled, and for how many ticks an action is held."""
+    hold = artifact.arguments.get("hold", 1)
+    if hold != 1 and mode.scale is None:
+        raise InvalidValueError(f"hold of {artifact.name}", hold, f"1, or the action mode {actions.TORSO}")
+    return {
+        "SCALED": int(artifact.arguments.get("observation") == "scaled"),
+        "IN_TORSO_AXES": int(mode.scale is not None),
+        "TRIM": hex_float(mode.scale.trim if mode.scale else 0.0),
+        "HOLD": f"{hold} /* ticks per decision */",
+    }
 
 
 def _said(artifact: Artifact) -> int:
@@ -179,6 +199,10 @@ def _words(kind: str, name: str, preset: str, sizes: tuple[int, ...], channels: 
         "SQUASH": 0,
         "CLIP": "0.0",
         "STEP": "0.0",
+        "SCALED": 0,
+        "IN_TORSO_AXES": 0,
+        "TRIM": "0.0",
+        "HOLD": 1,
     }
 
 
@@ -187,7 +211,7 @@ def _header(what: str, words: dict[str, object], arrays: dict[str, np.ndarray]) 
     lines = [f"#define SP_POLICY_{name} {value}" for name, value in words.items()]
     for name in ("TRACED", "KEPT"):
         lines += ["", *array("int", f"SP_POLICY_{name}", [str(k) for k in arrays.get(name, np.zeros(1, int)).tolist()])]
-    doubles = ("MEAN", "DEVIATION", "BOUND", "WASHOUT", "AUTHORITY", "TRACE_SHARE")
+    doubles = ("MEAN", "DEVIATION", "BOUND", "GAIN", "WASHOUT", "AUTHORITY", "TRACE_SHARE")
     for name, kind in (*((n, "double") for n in doubles), ("WEIGHTS", "float")):
         numbers, suffix = arrays.get(name, np.zeros(1)).tolist(), "f" if kind == "float" else ""
         lines += ["", *array(kind, f"SP_POLICY_{name}", [hex_float(x) + suffix for x in numbers])]

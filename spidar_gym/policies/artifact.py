@@ -53,6 +53,7 @@ MOST_LETTERS = 500
 """Length limit of a name and of other texts in one line [characters]."""
 ARGUMENT_FORMS: dict[str, Any] = {
     "action_mode": str, "preset": str, "schedule": (str, None), "avoid_interference": bool, "max_iter": int,
+    "action_scale": {str: float}, "hold": int, "observation": str,
 }  # fmt: skip
 """Arguments of the environment that a file may set, and their types."""
 FORM = {

@@ -14,6 +14,7 @@ import numpy as np
 from spidar_gym.control.flight.compensation import ramp_joints
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import layout
+from spidar_gym.model.rotor import aim
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, ROBOT
 
 FORCE = 10.0
@@ -24,8 +25,6 @@ SPEED, ACCELERATION = 1.0, 2.5
 """Largest speed of the slowest joint [rad/s], and its acceleration [rad/s²]."""
 SURE = 0.15
 """Commanded speed below which a joint counts as having reached its target [rad/s]; servos must be faster."""
-HOLD = 0.05
-"""Share of a force that is added along the last φ, since φ is undefined for a thrust along φ's axis."""
 ACTION = 3 * N_ROTORS + N_JOINTS
 """Length of a `direct` action (thrusts, φ, θ, joints) and of the network's output (forces, offsets of joints)."""
 _FIELDS = layout(ACTION)
@@ -230,10 +229,6 @@ def answer(forces_b: np.ndarray) -> np.ndarray:
 def command(said: np.ndarray, observation: np.ndarray) -> np.ndarray:
     """Return the `direct` action, within ± 1, for an output of the network.
 
-    Of the two pairs (φ, θ) that point a module along its force, the one with φ closer to the last command is used. φ is
-    that of the force plus `HOLD` times its length along the last φ. The component of the force across φ's plane is
-    omitted in this tick.
-
     Args:
         said: Output (…, 40): forces in torso axes beyond an eighth of the weight, in units of `FORCE`; offsets of the
             joints from their form, in units of `OFFSET`. Zeros hover: every rotor bears an eighth of the weight.
@@ -248,13 +243,7 @@ def command(said: np.ndarray, observation: np.ndarray) -> np.ndarray:
     joints = _toward(form, commanded, velocity.astype(float))
     seen = {name: observation[..., _PLACES[name]].astype(float) for name in _PLACES if name.startswith("vectoring_c")}
     R = links(observation[..., _PLACES["joint_position"]].astype(float))
-    x, y, z = np.moveaxis(turned(np.swapaxes(R, -1, -2), forces_b), -1, 0)
-    s, c = seen["vectoring_command_sine"][..., 0::2], seen["vectoring_command_cosine"][..., 0::2]
-    hold = HOLD * np.sqrt(x * x + y * y + z * z)
-    side = np.where(c * z - s * y < 0.0, -1.0, 1.0)
-    phi = np.arctan2(hold * s - side * y, hold * c + side * z)
-    along = np.cos(phi) * z - np.sin(phi) * y
-    thrust = np.hypot(x, along)
-    theta = np.arctan2(x, along)
+    sine, cosine = (seen[f"vectoring_command_{name}"][..., 0::2] for name in ("sine", "cosine"))
+    thrust, phi, theta = aim(R, forces_b, sine, cosine)
     action = [2.0 * thrust / ROBOT.max_thrust - 1.0, phi / np.pi, theta / np.pi, joints / ROBOT.joint_limit]
     return np.minimum(np.maximum(np.concatenate(action, axis=-1), -1.0), 1.0)

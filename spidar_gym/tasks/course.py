@@ -12,7 +12,7 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.native.course_records import read_course
 from spidar_gym.native.draws import from_numpy, take_back
-from spidar_gym.native.engine_structs import COURSE_QUANTITIES, engine_layouts
+from spidar_gym.native.engine_structs import engine_layouts
 from spidar_gym.native.library import load_core, pointer
 from spidar_gym.tasks.robots import CourseRobots
 from spidar_gym.tasks.task import Task, require_ranges, tolerance, write_constants
@@ -101,7 +101,6 @@ class CourseTask(Task[CourseRobots]):
     stops = {  # noqa: RUF012 - as above
         "hit": MAX_HIT, "is_outside": 0.0, "tilt": MAX_TILT, "is_cut": 0.0, "is_empty": 0.0,
     }  # fmt: skip
-    """Limits of quantities; beyond one the engine ends a step of several control periods early."""
 
     def terms(self, robots: CourseRobots) -> Mapping[str, np.ndarray]:
         """Terms of the reward, in [0, 1]."""
@@ -162,7 +161,6 @@ class CourseTask(Task[CourseRobots]):
         rules["floors"][: len(floors)] = floors
         rules["kind_count"], rules["floor_count"], rules["count"] = len(self.gates), len(floors), self.count
         rules["size"], rules["depth"] = [SIZES[kind] for kind in KINDS], [DEPTHS.get(kind, 0.0) for kind in KINDS]
-        rules["stop"] = [self.stops.get(name, math.inf) for name in COURSE_QUANTITIES]
         rules["charge"] = CHARGE if self.charge is None else self.charge
         places = "first_gap gap goal_way floor_gap floor_length middle goal_side goal_yaw"
         counts = "lies at_rest carried turn_length success_position success_yaw"

@@ -118,6 +118,7 @@ class CrawlTask(Task[CrawlRobots]):
         "astray": f"the robot is {MAX_ASTRAY:g} m farther from the goal than at the start",
         "diverged": "the simulation's state is no longer finite",
     }
+    stops = {"duct_touches": 0.0, "tilt": MAX_TILT}  # noqa: RUF012 - as above
 
     def terms(self, robots: CrawlRobots) -> Mapping[str, np.ndarray]:
         """Terms of the reward, in [0, 1]."""

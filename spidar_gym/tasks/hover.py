@@ -84,6 +84,8 @@ class HoverTask(Task[HoverRobots]):
         "diverged": "the simulation's state is no longer finite",
     }
 
+    stops = {"in_contact": 0.0, "tilt": MAX_TILT, "distance": MAX_DISTANCE}  # noqa: RUF012 - as above
+
     def __post_init__(self) -> None:
         """Validate the options."""
         require_name("form sequence", self.forms, SEQUENCES)

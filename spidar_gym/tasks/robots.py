@@ -49,6 +49,8 @@ class Robots(Quantities):
 
     kind: ClassVar[str]
     """Struct of a robot in the engine."""
+    quantities: ClassVar[type[Quantities]]
+    """Table of the quantities."""
 
     def __init__(self, simulated: Simulated, memory: np.ndarray) -> None:
         """Store views of the engine's robots and of the task's memory."""
@@ -109,7 +111,7 @@ class Robots(Quantities):
 class HoverRobots(HoverQuantities, Robots):
     """Robots in flight."""
 
-    kind = "hover"
+    kind, quantities = "hover", HoverQuantities
 
     @cached_property
     def error(self) -> np.ndarray:
@@ -140,7 +142,7 @@ class HoverRobots(HoverQuantities, Robots):
 class CrawlRobots(CrawlQuantities, Robots):
     """Robots on the ground."""
 
-    kind = "crawl"
+    kind, quantities = "crawl", CrawlQuantities
 
     @cached_property
     def error(self) -> np.ndarray:
@@ -161,4 +163,4 @@ class CrawlRobots(CrawlQuantities, Robots):
 class CourseRobots(CourseQuantities, Robots):
     """Robots on a course."""
 
-    kind = "course"
+    kind, quantities = "course", CourseQuantities

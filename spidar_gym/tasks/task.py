@@ -34,10 +34,14 @@ class Task(ABC, Generic[R]):
     """Weight and formula of each term; the weights add up to 1."""
     failures: ClassVar[Mapping[str, str]]
     """Name and meaning of each failure, in the order of their codes; the engine itself detects `diverged`."""
+    stops: ClassVar[Mapping[str, float]] = {}
+    """Limits of quantities; above one the engine ends a step of several control periods early."""
     memory: ClassVar[tuple[tuple[Any, ...], ...]] = ()
     """Variables that the task stores for each robot, as NumPy fields: name, type, shape; zero at the start."""
     fields: ClassVar[tuple[Field, ...]] = ()
     """Additional fields at the end of the environment's observation."""
+    ends_with_success: ClassVar[bool] = False
+    """Whether an episode ends, terminated without a failure, when the robot has succeeded."""
     loads: ClassVar[bool] = False
     """Whether the task attaches loads (`Robots.load`); each robot then has its own simulation model."""
 

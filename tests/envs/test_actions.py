@@ -33,7 +33,14 @@ def channel(mode: str, name: str) -> slice:
 
 def test_actions_have_the_documented_sizes():
     sizes = {name: mode.size for name, mode in ACTION_MODES.items()}
-    assert sizes == {"residual_wrench": 6, "residual_joint": 17, "residual": 23, "residual_force": 24, "direct": 40}
+    assert sizes == {
+        "residual_wrench": 6,
+        "residual_joint": 17,
+        "residual": 23,
+        "residual_force": 24,
+        "direct": 40,
+        "torso_forces": 40,
+    }
 
 
 def test_every_channel_has_its_authority_and_no_name_occurs_twice_in_a_mode():

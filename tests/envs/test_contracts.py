@@ -35,8 +35,11 @@ CONSTANT = {
     # An outer rotor is below the inner rotor of its leg in every flown form, so it is never the upper one.
     **{mode: {("restricted_rotors", i) for i in (1, 3, 5, 7)} for mode in RESIDUAL_MODES},
     # No controller runs, so no rotors are restricted and no errors integrated.
-    "direct": {("restricted_rotors", i) for i in range(8)}
-    | {(f"{what}_integral", i) for what in ("position", "attitude") for i in range(3)},
+    **dict.fromkeys(
+        ("direct", "torso_forces"),
+        {("restricted_rotors", i) for i in range(8)}
+        | {(f"{what}_integral", i) for what in ("position", "attitude") for i in range(3)},
+    ),
 }
 """Elements of the observation that never change in the rollouts below, with the reason."""
 

@@ -29,11 +29,14 @@ EPISODE = 400
 FLIGHT = (HoverEnv, HOVER, HoverTask.reward_terms, HoverTask.failures, 0.3)
 GROUND = (CrawlEnv, CRAWL, CrawlTask.reward_terms, CrawlTask.failures, 0.2)
 REAL: dict[str, Any] = {"randomization": 1.0, "sensors": True}
+TORSO_AXES: dict[str, Any] = {"action_mode": "torso_forces", "hold": 2, "observation": "scaled", **REAL}
 TOLERANCE = 1e-11
 """Relative to max(1, |number|)."""
 KINDS = {
     "flights": (*FLIGHT, {}),
     "flights of drawn robots with sensors": (*FLIGHT, {"preset": "tuned", **REAL}),
+    "flights in torso axes": (*FLIGHT, {"preset": "steady", **TORSO_AXES}),
+    "crawls in torso axes": (*GROUND, TORSO_AXES),
     "crawls": (*GROUND, {"preset": "robust"}),
     "crawls of drawn robots with sensors": (*GROUND, {"preset": "robust", **REAL}),
 }

@@ -87,12 +87,13 @@ def test_the_tables_of_other_observations_count_every_entry_of_their_spaces_once
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_observation_table_counts_every_entry_of_the_default_space_once_with_its_bound(name):
-    space = gymnasium.make(name).observation_space
+    space, scaled = (gymnasium.make(name, observation=kind).observation_space for kind in ("vector", "scaled"))
     rows, covered = table(name, "Observation Space"), []
-    for cell, _, bound, _, meaning in rows:
+    for cell, _, bound, scale, _, meaning in rows:
         where = entries(cell)
         covered += where
         np.testing.assert_allclose(space.high[list(where)], float(bound), rtol=1e-6)
+        np.testing.assert_allclose(scaled.high[list(where)], float(bound) / float(scale), rtol=1e-6)
         assert meaning
     assert covered == list(range(space.shape[0]))
     assert [row[1].strip("`") for row in rows] == [field.name for field in gymnasium.make(name).unwrapped.layout]
@@ -119,9 +120,10 @@ def test_every_info_key_is_documented_with_its_shape_and_every_documented_one_ex
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_reward_table_has_every_term_and_its_weights_add_up_to_one(name):
-    rows = table(name, "Rewards")
-    assert [row[0].strip("`") for row in rows] == list(CHAPTERS[name].task.reward_terms)
-    assert abs(sum(float(row[1]) for row in rows) - 1.0) < 1e-12
+    for below, reward in (("", "narrow"), ("Sloped", "sloped")):
+        rows = table(name, "Rewards", below)
+        assert [row[0].strip("`") for row in rows] == list(gymnasium.make(name, reward=reward).unwrapped.reward_terms)
+        assert abs(sum(float(row[1]) for row in rows) - 1.0) < 1e-12
 
 
 @pytest.mark.parametrize("name", NAMES)

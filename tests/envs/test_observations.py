@@ -386,7 +386,7 @@ def test_episodes_end_and_begin_only_for_robots_that_moved():
 
 
 def test_invalid_observations_and_goals_are_refused_with_what_would_be_valid():
-    with pytest.raises(UnknownNameError, match="unknown observation 'pixels'; valid: vector, goal, asymmetric"):
+    with pytest.raises(UnknownNameError, match="unknown observation 'pixels'; valid: vector, scaled, goal, asymmetric"):
         make(HOVER, "pixels")
     for name in (PATH, COURSE):
         with pytest.raises(InvalidValueError, match="expected vector or asymmetric: its goal"):

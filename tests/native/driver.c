@@ -157,8 +157,8 @@ int main(int argc, char **argv)
     e.actions = action;
 
     int (*const jobs[][4])(sp_engine *, const int32_t *, int) = {
-        {sp_reset_hover_robots, sp_step_hover_robots, sp_show_hover_robots, NULL},
-        {sp_reset_crawl_robots, sp_step_crawl_robots, sp_show_crawl_robots, NULL},
+        {sp_reset_hover_robots, sp_step_hover_robots, sp_show_hover_robots, sp_hold_hover_robots},
+        {sp_reset_crawl_robots, sp_step_crawl_robots, sp_show_crawl_robots, sp_hold_crawl_robots},
         {sp_reset_course_robots, sp_step_course_robots, sp_show_course_robots, sp_hold_course_robots},
     };
     uint64_t hash = 0xcbf29ce484222325u; /* FNV-1a */

@@ -15,7 +15,7 @@ from spidar_gym.benchmark.track import CRAWL, HOVER
 from spidar_gym.control.crawl.footsteps import Move
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
+from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, TORSO
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.core_crawler import CoreCrawler
 from spidar_gym.native.core_flight import CoreFlightController
@@ -126,6 +126,14 @@ class Learned:
 
     def command_directly(self):
         """Compute the policy's command, without a controller."""
+        if not isinstance(self.controller, CoreFlightController):
+            goal = self.env.progress.goal
+            pose = np.array([goal.x, goal.y, goal.yaw])
+            self.library.sp_policy_crawl_direct(
+                self.controller.room.robot, self["policy"], self.controller._crawl.pointer, self["robot_state"],
+                pointer(pose), self["command"],
+            )  # fmt: skip
+            return self.own["command"].record
         self.library.sp_policy_direct(
             self.controller.room.robot, self["policy"], self.controller._flight.pointer, self["robot_state"],
             self["control_state"], self["preview"], self["command"],
@@ -259,6 +267,45 @@ def test_a_policy_without_a_controller_flies_as_in_its_environment(core, net, le
     assert len(seen) >= least
     assert max(seen) < 1e-6
     assert np.max(answered) < 1e-5
+    assert np.ptp(actions, axis=0).max() > 0.05
+
+
+@pytest.mark.parametrize("env_id", [HOVER, CRAWL])
+@pytest.mark.parametrize("hold", [1, 5])
+def test_a_policy_in_torso_axes_commands_as_in_its_environment_and_holds_its_decisions(core, env_id, hold):
+    arguments = {"action_mode": TORSO, "action_scale": {"force": 4.0, "joint": 0.2}, "hold": hold}
+    net = made(env_id, TORSO, loud=0.2)
+    net = replace(
+        net, arguments={**arguments, "observation": "scaled"}, mean=0.0 * net.mean, variance=25.0 + 0.0 * net.mean
+    )
+    core(net)
+    env = make(net, control="core", sensors=True)
+    # Its physics and controller decide in every tick, as the robot does; it only repeats each action.
+    arguments["hold"] = 1
+    each = gymnasium.make(env_id, **arguments, **OPTIONS[env_id], sensors=True).unwrapped
+    observation, _ = env.reset(seed=3)
+    each.reset(seed=3)
+    learned, worst, seen, actions = Learned(each, beside(each)), 0.0, [], []
+    for k in range(60):
+        learned.look()
+        found = learned.command_directly()
+        if k % hold == 0:
+            seen.append(np.abs(learned.seen[: len(env._gain)] * env._gain - observation).max())
+            action = net.act(observation)
+            assert np.abs(learned.action - action).max() < 1e-5
+            actions.append(learned.action.copy())
+            observation, _, terminated, _, _ = env.step(learned.action.astype(np.float32))
+        assert np.array_equal(learned.action, actions[-1])
+        each.step(learned.action.astype(np.float32))
+        expected = Struct("command")
+        fill(expected.record, each.command)
+        worst = max(worst, apart(found, expected.record))
+        if terminated:
+            break
+    print(f"\n{k + 1} ticks: observation {max(seen):.1e}, command {worst:.1e}")
+    assert k >= 20
+    assert max(seen) < 1e-5
+    assert worst < 1e-6
     assert np.ptp(actions, axis=0).max() > 0.05
 
 

@@ -8,7 +8,7 @@ from spidar_gym.control.flight.compensation import ramp_joints
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.model.dynamics import Model
-from spidar_gym.model.rotor import vectoring_to_force
+from spidar_gym.model.rotor import AIM_HOLD, vectoring_to_force
 from spidar_gym.policies import torso
 from spidar_gym.robot import ROBOT
 
@@ -171,7 +171,7 @@ def test_a_constant_output_is_reached_and_at_once_if_phi_need_not_turn_far():
     assert found[-1].max() < 1e-6
     # Initially the force component perpendicular to the plane of θ is missing until φ has turned; the error is smaller
     # for a smaller force along the axis of φ.
-    assert np.median(found[0] / np.linalg.norm(wanted, axis=2)) < torso.HOLD
+    assert np.median(found[0] / np.linalg.norm(wanted, axis=2)) < AIM_HOLD
     assert (found[1] <= found[0] + 1e-9).all()
 
 

@@ -27,26 +27,28 @@ def course_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ..
     gates = tuple(
         Field(f"gate{k + 1}", len(KINDS) + 4, FAR, "1, m or rad",
               f"one of {', '.join(KINDS)} as 1 of {len(KINDS)}; torso → begin, torso → end, size, torso → middle to "
-              "the left; all zero if there is none")
+              "the left; all zero if there is none", scale=3.0)
         for k in range(AHEAD)
     )  # fmt: skip
     return (
-        Field("goal", 5, FAR, "m, 1", "goal − torso, x, y, z [m]; sine and cosine of goal's − torso's heading"),
+        Field(
+            "goal", 5, FAR, "m, 1", "goal − torso, x, y, z [m]; sine and cosine of goal's − torso's heading", scale=3.0
+        ),
         Field("place", 2, FAR, "m", "torso to the left of the course's middle, and over its floor's origin"),
         Field("heading", 2, 1.0, "", "sine and cosine"),
-        Field("up", 3, 1.0, "", "the vertical in torso axes"),
-        Field("velocity", 3, 5.0, "m/s", "of the torso"),
-        Field("angular_velocity", 3, 10.0, "rad/s", "torso axes"),
+        Field("up", 3, 1.0, "", "the vertical in torso axes", scale=0.3),
+        Field("velocity", 3, 5.0, "m/s", "of the torso", scale=0.5),
+        Field("angular_velocity", 3, 10.0, "rad/s", "torso axes", scale=0.3),
         Field("joint_position", N_JOINTS, 2.0, "rad", "q"),
-        Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇"),
+        Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇", scale=0.5),
         Field("joint_command", N_JOINTS, 2.0, "rad", "q^d of the last command"),
         Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
         Field("vectoring_cosine", 2 * N_ROTORS, 1.0, "", "cosine of φ₁, θ₁, φ₂, θ₂ …"),
-        Field("thrust_command", N_ROTORS, robot.max_thrust, "N", "λ₁ … λ₈ of the last command"),
+        Field("thrust_command", N_ROTORS, robot.max_thrust, "N", "λ₁ … λ₈ of the last command", scale=10.0),
         Field("vectoring_command_sine", 2 * N_ROTORS, 1.0, "", "sine of the last commanded φ, θ"),
         Field("vectoring_command_cosine", 2 * N_ROTORS, 1.0, "", "cosine of the last commanded φ, θ"),
         Field("phase", len(PHASES), 1.0, "", f"of the manager: 1 of {', '.join(PHASES)}"),
-        Field("target", 5, FAR, "1, m", "whether there is one, whether it flies, target − torso, x, y, z"),
+        Field("target", 5, FAR, "1, m", "whether there is one, whether it flies, target − torso, x, y, z", scale=3.0),
         Field("charge", 1, 1.0, "", "of the battery, 1 is full"),
         Field("time_left", 1, 1.0, "", "share of the episode"),
         *gates,

@@ -18,26 +18,28 @@ from spidar_gym.state import RobotState
 def crawl_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
     """Return the fields of the observation in order; the length depends on the size of the action."""
     return (
-        Field("goal_position", 2, 5.0, "m", "goal − torso along its heading and to its left"),
+        Field("goal_position", 2, 5.0, "m", "goal − torso along its heading and to its left", scale=0.3),
         Field("goal_heading", 2, 1.0, "", "sine and cosine of the heading still to turn"),
-        Field("up", 3, 1.0, "", "vertical, torso axes"),
-        Field("height", 1, 2.0, "m", "of the torso above its lying position"),
-        Field("velocity", 3, 5.0, "m/s", "of the torso, torso axes"),
-        Field("angular_velocity", 3, 10.0, "rad/s", "torso axes"),
+        Field("up", 3, 1.0, "", "vertical, torso axes", scale=0.3),
+        Field("height", 1, 2.0, "m", "of the torso above its lying position", scale=0.1),
+        Field("velocity", 3, 5.0, "m/s", "of the torso, torso axes", scale=0.1),
+        Field("angular_velocity", 3, 10.0, "rad/s", "torso axes", scale=0.3),
         Field("joint_position", N_JOINTS, 2.0, "rad", "q"),
-        Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇"),
-        Field("joint_torque", N_JOINTS, 10.0, "Nm", "of the joint servos"),
-        Field("joint_plan_error", N_JOINTS, 2.0, "rad", "planned joint angles − q"),
-        Field("joint_way", N_JOINTS, 4.0, "rad", "target of this phase or of the torso − planned joint angles"),
+        Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇", scale=0.5),
+        Field("joint_torque", N_JOINTS, 10.0, "Nm", "of the joint servos", scale=5.0),
+        Field("joint_plan_error", N_JOINTS, 2.0, "rad", "planned joint angles − q", scale=0.1),
+        Field(
+            "joint_way", N_JOINTS, 4.0, "rad", "target of this phase or of the torso − planned joint angles", scale=0.5
+        ),
         Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
         Field("vectoring_cosine", 2 * N_ROTORS, 1.0, "", "cosine of φ₁, θ₁, φ₂, θ₂ …"),
-        Field("thrust_command", N_ROTORS, robot.max_thrust, "N", "λ₁ … λ₈ of the last command"),
+        Field("thrust_command", N_ROTORS, robot.max_thrust, "N", "λ₁ … λ₈ of the last command", scale=5.0),
         Field("vectoring_command_sine", 2 * N_ROTORS, 1.0, "", "sine of the last commanded φ, θ"),
         Field("vectoring_command_cosine", 2 * N_ROTORS, 1.0, "", "cosine of the last commanded φ, θ"),
         Field("phase", len(PHASES), 1.0, "", "1 for the present phase of " + ", ".join(PHASES)),
-        Field("phase_time", 1, 20.0, "s", "since it began"),
+        Field("phase_time", 1, 20.0, "s", "since it began", scale=5.0),
         Field("share", 1, 1.0, "", "planned share of the torso's displacement in this cycle"),
-        Field("steps_left", 1, 50.0, "", "remaining gait cycles, including this one"),
+        Field("steps_left", 1, 50.0, "", "remaining gait cycles, including this one", scale=5.0),
         Field("previous_action", action_size, 1.0, "", "last action"),
     )
 

@@ -32,6 +32,8 @@ class Field:
     """Unit of the values."""
     doc: str
     """Meaning of the values, with the frame."""
+    scale: float = 1.0
+    """Usual size of the values, by which the observation `scaled` divides them."""
 
 
 def layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
@@ -54,32 +56,32 @@ def _previous(action_size: int) -> Field:
 
 
 _FLIGHT = (
-    Field("position_error", 3, 2.0, "m", "desired − actual CoG, torso axes"),
-    Field("velocity_error", 3, 5.0, "m/s", "desired − actual CoG velocity, torso axes"),
-    Field("attitude_error", 3, 2.0, "rad", "½ (RᵀR_d − R_dᵀR)^∨, torso axes"),
-    Field("angular_velocity_error", 3, 10.0, "rad/s", "desired − actual, torso axes"),
+    Field("position_error", 3, 2.0, "m", "desired − actual CoG, torso axes", scale=0.1),
+    Field("velocity_error", 3, 5.0, "m/s", "desired − actual CoG velocity, torso axes", scale=0.3),
+    Field("attitude_error", 3, 2.0, "rad", "½ (RᵀR_d − R_dᵀR)^∨, torso axes", scale=0.1),
+    Field("angular_velocity_error", 3, 10.0, "rad/s", "desired − actual, torso axes", scale=0.5),
     Field("joint_position", N_JOINTS, 2.0, "rad", "q"),
-    Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇"),
+    Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇", scale=0.5),
     Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
     Field("vectoring_cosine", 2 * N_ROTORS, 1.0, "", "cosine of φ₁, θ₁, φ₂, θ₂ …"),
-    Field("vectoring_velocity", 2 * N_ROTORS, 20.0, "rad/s", "rates of φ₁, θ₁, φ₂, θ₂ …"),
-    Field("joint_target_error", N_JOINTS, 4.0, "rad", "form to reach − commanded joint position"),
-    Field("joint_command_velocity", N_JOINTS, 5.0, "rad/s", "commanded joint velocity of the last tick"),
+    Field("vectoring_velocity", 2 * N_ROTORS, 20.0, "rad/s", "rates of φ₁, θ₁, φ₂, θ₂ …", scale=5.0),
+    Field("joint_target_error", N_JOINTS, 4.0, "rad", "form to reach − commanded joint position", scale=0.5),
+    Field("joint_command_velocity", N_JOINTS, 5.0, "rad/s", "commanded joint velocity of the last tick", scale=0.5),
     Field("leg_momentum", 3, 20.0, "Nms", "angular momentum of the legs by the commanded joint velocity, torso axes"),
-    Field("leg_momentum_rate", 3, 400.0, "Nm", "its change since the last tick"),
-    Field("position_integral", 3, 20.0, "m s", "∫ position error of the controller, world axes"),
-    Field("attitude_integral", 3, 20.0, "rad s", "∫ attitude error of the controller, torso axes"),
-    Field("thrust_command", N_ROTORS, ROBOT.max_thrust, "N", "λ₁ … λ₈ of the last command"),
+    Field("leg_momentum_rate", 3, 400.0, "Nm", "its change since the last tick", scale=10.0),
+    Field("position_integral", 3, 20.0, "m s", "∫ position error of the controller, world axes", scale=0.3),
+    Field("attitude_integral", 3, 20.0, "rad s", "∫ attitude error of the controller, torso axes", scale=0.1),
+    Field("thrust_command", N_ROTORS, ROBOT.max_thrust, "N", "λ₁ … λ₈ of the last command", scale=10.0),
     Field("vectoring_command_sine", 2 * N_ROTORS, 1.0, "", "sine of the last commanded φ, θ"),
     Field("vectoring_command_cosine", 2 * N_ROTORS, 1.0, "", "cosine of the last commanded φ, θ"),
     Field("restricted_rotors", N_ROTORS, 1.0, "", "1 where interference restricts the rotor"),
     Field("next_form", N_JOINTS, 2.0, "rad", "joint targets of the form after this one"),
-    Field("time_to_next_form", 1, NO_NEXT_FORM, "s", _UNTIL_NEXT_FORM),
+    Field("time_to_next_form", 1, NO_NEXT_FORM, "s", _UNTIL_NEXT_FORM, scale=5.0),
 )
 _LATER = ", ".join(f"{AHEAD_STEP * (k + 1):g}" for k in range(AHEAD))
 _PATH = (
     Field("path_ahead", 3 * AHEAD, 5.0, "m", f"desired CoG in {_LATER} s − desired CoG now, torso axes"),
-    Field("path_turn", AHEAD, 4.0, "rad", "how far the desired heading turns until then"),
+    Field("path_turn", AHEAD, 4.0, "rad", "how far the desired heading turns until then", scale=0.5),
     Field("path_velocity", 3, 5.0, "m/s", "desired velocity of the CoG, torso axes"),
     Field("path_acceleration", 3, 20.0, "m/s²", "desired acceleration of the CoG, torso axes"),
 )

@@ -41,8 +41,8 @@ IN_BYTES = (Core, Plant)
 SETTLED = (
     "view", "robot", "layout", "sight", "render_mode", "action_space", "observation_space", "spec", "fleet", "plant",
     "hold", "most_steps", "_arguments", "_is_bare", "_nominal", "_randomization", "_described", "_control", "_mode",
-    "_bound", "_ruled", "_config", "_allocator", "_law", "_is_waypoint", "_made", "turn", "is_closed", "truncates",
-    "metadata", "reward_terms", "failures", "_now",
+    "_bound", "_gain", "_ruled", "_config", "_allocator", "_law", "_is_waypoint", "_made", "turn", "is_closed",
+    "truncates", "metadata", "reward_terms", "failures", "_now",
 )  # fmt: skip
 """Attributes of an environment that its constructor determines."""
 SETTLED_OF_PARTS = {

@@ -232,7 +232,8 @@ static void feed_whole_motion(const sp_robot *robot, sp_flight *f, const sp_refe
 /* ---- joint motion ---- */
 
 /* Compute the next joint command on the straight line to the target, and its rate. */
-static void plan_joints(const sp_robot *robot, const sp_flight *f, const double *wanted, double scale, double *following, double *rate)
+void sp_plan_joints(const sp_robot *robot, const sp_flight *f, const double *wanted, double scale, double *following,
+                    double *rate)
 {
     const double *command = f->memory.joint_position;
     double target[SP_JOINTS], way[SP_JOINTS], reach = f->config.joint_speed * f->dt;
@@ -427,7 +428,7 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     sp_lock lock;
     sp_interference bounds;
     for (int j = 0; j < SP_JOINTS; j++) target[j] = reference->joint_target[j] + residual->joint_offset[j];
-    plan_joints(robot, f, target, residual->joint_speed_scale, joints, speed);
+    sp_plan_joints(robot, f, target, residual->joint_speed_scale, joints, speed);
     if (!(reference->support > 0.0)) integrate(m, &f->control.error, f->dt, f->config.centroidal.max_integration_speed);
     desired_wrench(robot, &f->control, seen.omega_b, m, &f->config.centroidal, f->wrench_desired);
     sp_compensate(robot, f, &seen, reference, joints, f->wrench_desired);

@@ -123,16 +123,14 @@ static void torso_action(const sp_robot *robot, const sp_policy *policy, const s
     const float *seen = policy->observation;
     double velocity[SP_JOINTS], form[SP_JOINTS], joints[SP_JOINTS], rate[SP_JOINTS];
     for (int i = 0; i < SP_ROTORS; i++) {
-        double f_b[3], f[3], s = seen[SP_POLICY_AT_COMMAND_SINE + 2 * i], c = seen[SP_POLICY_AT_COMMAND_COSINE + 2 * i];
+        double f_b[3], thrust, angles[2];
         for (int k = 0; k < 3; k++) f_b[k] = SP_POLICY_FORCE * said[3 * i + k];
         f_b[2] += robot->weight / SP_ROTORS;
-        sp_apply_t(snapshot->R_bl[i], f_b, f);
-        double hold = SP_POLICY_HOLD * sp_norm(f), side = c * f[2] - s * f[1] < 0.0 ? -1.0 : 1.0;
-        double phi = atan2(hold * s - side * f[1], hold * c + side * f[2]);
-        double along = cos(phi) * f[2] - sin(phi) * f[1];
-        action[i] = 2.0 * hypot(f[0], along) / robot->max_thrust - 1.0;
-        action[SP_ROTORS + i] = phi / SP_PI;
-        action[2 * SP_ROTORS + i] = atan2(f[0], along) / SP_PI;
+        sp_aim(snapshot->R_bl[i], f_b, seen[SP_POLICY_AT_COMMAND_SINE + 2 * i], seen[SP_POLICY_AT_COMMAND_COSINE + 2 * i],
+               SP_AIM_HOLD, &thrust, angles);
+        action[i] = 2.0 * thrust / robot->max_thrust - 1.0;
+        action[SP_ROTORS + i] = angles[0] / SP_PI;
+        action[2 * SP_ROTORS + i] = angles[1] / SP_PI;
     }
     for (int j = 0; j < SP_JOINTS; j++) {
         velocity[j] = seen[SP_POLICY_AT_SPEEDS + j];
@@ -189,7 +187,7 @@ static void answer_to(const sp_robot *robot, sp_policy *policy, const sp_snapsho
         follow_joints(policy);
         at = torso_features(policy, snapshot, shown);
     } else
-        for (; at < SP_POLICY_SEES; at++) shown[at] = policy->observation[at];
+        for (; at < SP_POLICY_SEES; at++) shown[at] = SP_POLICY_SCALED ? (float)(policy->observation[at] * SP_POLICY_GAIN[at]) : policy->observation[at];
     if (SP_POLICY_EXTERNAL) {
         look_for_force(robot, policy, snapshot);
         for (int k = 0; k < SP_POLICY_EXTERNAL; k++) shown[at++] = policy->external[k];
@@ -283,26 +281,73 @@ void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight 
     sp_make_residual(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_CHANNELS, residual);
 }
 
+/* ---- without a controller ---- */
+
+/* Whether the network is evaluated in this tick; between decisions its action is held. */
+static int decides(sp_policy *policy)
+{
+    int due = policy->held == 0;
+    policy->held = (policy->held + 1) % SP_POLICY_HOLD;
+    return due;
+}
+
+/* Evaluate a direct policy; NaN counts as 0. */
+static void decide(const sp_robot *robot, sp_policy *policy, const sp_snapshot *snapshot)
+{
+    float answer[SP_POLICY_WIDTH];
+    answer_to(robot, policy, snapshot, answer);
+    if (SP_POLICY_TORSO) torso_action(robot, policy, snapshot, answer, policy->action);
+    else
+        for (int k = 0; k < SP_POLICY_ACTIONS; k++) policy->action[k] = output(answer[k]);
+    for (int k = 0; k < SP_POLICY_ACTIONS; k++)
+        if (policy->action[k] != policy->action[k]) policy->action[k] = 0.0;
+}
+
 /* Compute the command of a flight tick from a direct policy, without a controller. The memory of `flight` stores the
  * command and the servo motion within the tick. Does nothing without a direct policy. */
 void sp_policy_direct(const sp_robot *robot, sp_policy *policy, sp_flight *flight, const sp_robot_state *state,
                       const sp_control_state *control, const sp_preview *preview, sp_command *command)
 {
-    float answer[SP_POLICY_WIDTH];
     sp_flight_memory *memory = &flight->memory;
     if (SP_POLICY_KIND != SP_POLICY_DIRECT) return;
     look(robot, policy, flight, state, control, preview);
-    answer_to(robot, policy, &control->snapshot, answer);
-    if (SP_POLICY_TORSO) torso_action(robot, policy, &control->snapshot, answer, policy->action);
-    else
-        for (int k = 0; k < SP_POLICY_ACTIONS; k++) policy->action[k] = output(answer[k]);
-    for (int k = 0; k < SP_POLICY_ACTIONS; k++)
-        if (policy->action[k] != policy->action[k]) policy->action[k] = 0.0; /* NaN counts as 0 */
-    sp_act_directly(policy->action, robot, flight->config.joint_speed, memory->vectoring, memory->forces_l,
-                    memory->joint_position, flight->joint_velocity, command);
+    if (decides(policy)) decide(robot, policy, &control->snapshot);
+    if (SP_POLICY_IN_TORSO_AXES) {
+        double target[SP_JOINTS], joints[SP_JOINTS];
+        sp_act_in_torso_axes(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_TRIM, control->snapshot.R_bl[0],
+                             robot, memory->vectoring, memory->forces_l, target, command);
+        for (int j = 0; j < SP_JOINTS; j++) target[j] += preview->joint_target[j];
+        sp_plan_joints(robot, flight, target, 1.0, joints, flight->joint_velocity);
+        sp_copy(memory->joint_position, joints, SP_JOINTS);
+        sp_make_command(command->thrust, memory->vectoring, joints, robot->max_joint_torque, command);
+    } else
+        sp_act_directly(policy->action, robot, flight->config.joint_speed, memory->vectoring, memory->forces_l,
+                        memory->joint_position, flight->joint_velocity, command);
     sp_copy(memory->joint_velocity, flight->joint_velocity, SP_JOINTS);
     flight->ticked = 1;
 }
+
+/* Compute the command of a crawl tick from a direct policy in torso axes, without a controller; does nothing without
+ * one. `goal` is x, y [m], yaw [rad]. */
+void sp_policy_crawl_direct(const sp_robot *robot, sp_policy *policy, sp_crawl *crawl, const sp_robot_state *state,
+                            const double *goal, sp_command *command)
+{
+    double thrust[SP_ROTORS], R_bl[SP_ROTORS][9], lying[SP_JOINTS], target[SP_JOINTS];
+    sp_crawl_memory *memory = &crawl->memory;
+    if (SP_POLICY_KIND != SP_POLICY_CRAWL_DIRECT) return;
+    last_thrust(robot, crawl->ticked, memory->forces_l, state, thrust);
+    sp_observe_crawl(crawl, state, goal, thrust, policy->action, SP_POLICY_ACTIONS, SP_POLICY_BOUND, policy->observation);
+    if (decides(policy)) decide(robot, policy, NULL);
+    sp_link_attitudes(robot, state->joint_position, R_bl);
+    sp_act_in_torso_axes(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_TRIM, R_bl[0], robot,
+                         memory->vectoring, memory->forces_l, target, command);
+    sp_leg_angles(robot, crawl->home_b, lying);
+    for (int j = 0; j < SP_JOINTS; j++) target[j] += lying[j];
+    sp_command_joints(target, robot, crawl->config.joint_speed, memory->joint_position, NULL, command);
+    crawl->ticked = 1;
+}
+
+/* ---- crawl ---- */
 
 /* Compute the residual of a crawl tick; neutral without a crawl policy. `goal` is x, y [m], yaw [rad]. */
 void sp_policy_crawl(const sp_robot *robot, sp_policy *policy, const sp_crawl *crawl, const sp_robot_state *state, const double *goal,

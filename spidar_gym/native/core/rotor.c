@@ -140,26 +140,78 @@ void sp_follow(const double *forces_l, const sp_lock *lock, const double *presen
     }
 }
 
-/* Convert a direct action to a command, without a controller. Updates the controller's memory (vectoring, forces,
- * joints) with the joints' speed-limited motion within this tick, and `joint_velocity`, if not NULL, with its rate. */
-void sp_act_directly(const double *action, const sp_robot *robot, double joint_speed, double *vectoring,
-                     double *forces_l, double *joints, double *joint_velocity, sp_command *command)
+/* λ, φ and θ of a module whose thrust is a force in torso axes. Of the two pairs (φ, θ), the one with φ closer to the
+ * last is used. φ, which is undefined for a thrust along its axis, is that of the force plus `hold` times its length
+ * along the last φ. `sine` and `cosine` are those of the last φ. */
+void sp_aim(const double *R_bl, const double *force_b, double sine, double cosine, double hold, double *thrust, double *angles)
+{
+    double f[3];
+    sp_apply_t(R_bl, force_b, f);
+    double held = hold * sp_norm(f), side = cosine * f[2] - sine * f[1] < 0.0 ? -1.0 : 1.0;
+    angles[0] = atan2(held * sine - side * f[1], held * cosine + side * f[2]);
+    double along = cos(angles[0]) * f[2] - sin(angles[0]) * f[1];
+    *thrust = hypot(f[0], along);
+    angles[1] = atan2(f[0], along);
+}
+
+/* Turn an angle the short way to the wanted one. */
+static double turned(double angle, double wanted) { return angle + (modulo(wanted - angle + SP_PI, SP_TWO_PI) - SP_PI); }
+
+/* Convert an action in torso axes to thrusts and vectoring angles, without a controller. Its first 24 entries are forces
+ * that the rotors bear beyond an equal part of `trim` times the weight; those that follow, if `size` says so, offsets of
+ * the joints. `R_bl` has the attitudes of the links one after the other. `authority` scales each entry to [N] and [rad]. Updates the controller's memory (vectoring, forces) and
+ * writes the offsets. */
+void sp_act_in_torso_axes(const double *action, const double *authority, int size, double trim,
+                          const double *R_bl, const sp_robot *robot, double *vectoring, double *forces_l, double *offset,
+                          sp_command *command)
+{
+    for (int i = 0; i < SP_ROTORS; i++) {
+        double f[3], *angle = vectoring + 2 * i, aimed[2], thrust;
+        for (int k = 0; k < 3; k++) f[k] = authority[3 * i + k] * action[3 * i + k];
+        f[2] += trim * robot->weight / SP_ROTORS;
+        sp_aim(R_bl + 9 * i, f, sin(angle[0]), cos(angle[0]), SP_AIM_HOLD, &thrust, aimed);
+        if (!(thrust < SP_MIN_FORCE))
+            for (int k = 0; k < 2; k++) angle[k] = turned(angle[k], aimed[k]);
+        command->thrust[i] = sp_min(thrust, robot->max_thrust);
+    }
+    sp_copy(command->vectoring, vectoring, 2 * SP_ROTORS);
+    sp_vectoring_to_force(command->thrust, vectoring, forces_l);
+    for (int j = 0; j < SP_JOINTS; j++) {
+        int k = SP_FORCES + j;
+        offset[j] = k < size ? authority[k] * action[k] : 0.0;
+    }
+}
+
+/* Command joint angles, slewed by the servos. Updates the controller's memory with the joints' speed-limited motion
+ * within this tick, and `joint_velocity`, if not NULL, with its rate. */
+void sp_command_joints(const double *target, const sp_robot *robot, double joint_speed, double *joints,
+                       double *joint_velocity, sp_command *command)
 {
     double reach = joint_speed / SP_CONTROL_RATE;
-    for (int i = 0; i < SP_ROTORS; i++) {
-        command->thrust[i] = 0.5 * robot->max_thrust * (1.0 + action[i]);
-        for (int k = 0; k < 2; k++) {
-            double *angle = vectoring + 2 * i + k, wanted = SP_PI * action[SP_ROTORS * (1 + k) + i];
-            *angle += modulo(wanted - *angle + SP_PI, SP_TWO_PI) - SP_PI;
-            command->vectoring[2 * i + k] = *angle;
-        }
-    }
     for (int j = 0; j < SP_JOINTS; j++) {
-        command->joint_position[j] = robot->joint_limit * action[3 * SP_ROTORS + j];
+        command->joint_position[j] = sp_clip(target[j], -robot->joint_limit, robot->joint_limit);
         command->joint_torque_limit[j] = robot->max_joint_torque;
         double step = sp_min(sp_max(command->joint_position[j] - joints[j], -reach), reach);
         joints[j] += step;
         if (joint_velocity != NULL) joint_velocity[j] = step * SP_CONTROL_RATE;
     }
+}
+
+/* Convert a direct action to a command, without a controller. Updates the controller's memory (vectoring, forces,
+ * joints) with the joints' speed-limited motion within this tick, and `joint_velocity`, if not NULL, with its rate. */
+void sp_act_directly(const double *action, const sp_robot *robot, double joint_speed, double *vectoring,
+                     double *forces_l, double *joints, double *joint_velocity, sp_command *command)
+{
+    double target[SP_JOINTS];
+    for (int i = 0; i < SP_ROTORS; i++) {
+        command->thrust[i] = 0.5 * robot->max_thrust * (1.0 + action[i]);
+        for (int k = 0; k < 2; k++) {
+            double *angle = vectoring + 2 * i + k;
+            *angle = turned(*angle, SP_PI * action[SP_ROTORS * (1 + k) + i]);
+            command->vectoring[2 * i + k] = *angle;
+        }
+    }
+    for (int j = 0; j < SP_JOINTS; j++) target[j] = robot->joint_limit * action[3 * SP_ROTORS + j];
+    sp_command_joints(target, robot, joint_speed, joints, joint_velocity, command);
     sp_vectoring_to_force(command->thrust, vectoring, forces_l);
 }

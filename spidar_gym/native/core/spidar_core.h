@@ -26,9 +26,16 @@ void sp_make_room(const sp_robot *robot, void *memory, sp_room *room); /* memory
 
 /* tree.c */
 void sp_snapshot_at(const sp_robot *robot, const double *q, const double *R_wb, const double *vectoring, sp_snapshot *snapshot);
+void sp_link_attitudes(const sp_robot *robot, const double *q, double R_bl[SP_ROTORS][9]);
 
 /* rotor.c */
 void sp_vectoring_to_force(const double *thrust, const double *vectoring, double *forces_l);
+void sp_aim(const double *R_bl, const double *force_b, double sine, double cosine, double hold, double *thrust, double *angles);
+void sp_act_in_torso_axes(const double *action, const double *authority, int size, double trim,
+                          const double *R_bl, const sp_robot *robot, double *vectoring, double *forces_l, double *offset,
+                          sp_command *command);
+void sp_command_joints(const double *target, const sp_robot *robot, double joint_speed, double *joints,
+                       double *joint_velocity, sp_command *command);
 void sp_act_directly(const double *action, const sp_robot *robot, double joint_speed, double *vectoring,
                      double *forces_l, double *joints, double *joint_velocity, sp_command *command);
 void sp_thrust_map(const sp_snapshot *snapshot, double *Q, int stride);
@@ -70,6 +77,8 @@ void sp_flight_reset(const sp_robot *robot, sp_flight *flight, const sp_robot_st
 void sp_flight_resume(const sp_robot *robot, sp_flight *flight, const sp_robot_state *state, const sp_command *command);
 void sp_rest_vectoring(const sp_robot *robot, const sp_controller_config *config, const double *q, double *vectoring);
 void sp_compute_state(const sp_robot *robot, const sp_robot_state *state, const sp_reference *reference, sp_control_state *control);
+void sp_plan_joints(const sp_robot *robot, const sp_flight *flight, const double *wanted, double scale, double *following,
+                    double *rate);
 void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
                     const sp_residual *residual, const sp_control_state *control, sp_room *room, sp_command *command);
 void sp_flight_allocate(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference, const double *wrench,
@@ -170,6 +179,8 @@ void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight 
                       const sp_control_state *control, const sp_preview *preview, sp_residual *residual);
 void sp_policy_direct(const sp_robot *robot, sp_policy *policy, sp_flight *flight, const sp_robot_state *state,
                       const sp_control_state *control, const sp_preview *preview, sp_command *command);
+void sp_policy_crawl_direct(const sp_robot *robot, sp_policy *policy, sp_crawl *crawl, const sp_robot_state *state,
+                            const double *goal, sp_command *command);
 void sp_policy_crawl(const sp_robot *robot, sp_policy *policy, const sp_crawl *crawl, const sp_robot_state *state, const double *goal,
                      sp_residual *residual);
 

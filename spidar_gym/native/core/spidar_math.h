@@ -7,13 +7,15 @@
 
 #include "spidar_constants.h"
 
-/* A shared library links to the old symbols of exp and log, in every glibc since 2.17, with the same values. */
+/* A shared library links to the old symbols of exp, log and hypot, in every glibc since 2.17, with the same values. */
 #if defined(SPIDAR_SHARED) && defined(__GLIBC__) && defined(__x86_64__)
 __asm__(".symver exp,exp@GLIBC_2.2.5");
 __asm__(".symver log,log@GLIBC_2.2.5");
+__asm__(".symver hypot,hypot@GLIBC_2.2.5");
 #elif defined(SPIDAR_SHARED) && defined(__GLIBC__) && defined(__aarch64__)
 __asm__(".symver exp,exp@GLIBC_2.17");
 __asm__(".symver log,log@GLIBC_2.17");
+__asm__(".symver hypot,hypot@GLIBC_2.17");
 #endif
 
 #define SP_PI 3.14159265358979323846

@@ -16,6 +16,19 @@ static void shift(double *I, double m, const double *d)
         for (int j = 0; j < 3; j++) I[3 * i + j] += m * ((i == j ? s : 0.0) - d[i] * d[j]);
 }
 
+/* Attitudes of a body: R1 before its joint turns it, R after. */
+static void turn(const sp_body *body, const double *R0, double angle, double *R1, double *R)
+{
+    double s = sin(angle), c = cos(angle), by[9];
+    const double *a = body->axis;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) by[3 * i + j] = (1.0 - c) * a[i] * a[j] + (i == j ? c : 0.0);
+    by[1] -= s * a[2], by[2] += s * a[1], by[3] += s * a[2];
+    by[5] -= s * a[0], by[6] -= s * a[1], by[7] += s * a[0];
+    sp_product(R0, body->rotation, R1);
+    sp_product(R1, by, R);
+}
+
 static void place(const sp_robot *robot, const double *q, const double *vectoring, tree *t)
 {
     sp_identity(t->R[0]);
@@ -25,15 +38,9 @@ static void place(const sp_robot *robot, const double *q, const double *vectorin
         if (k > 0) {
             const double *R0 = t->R[body->parent];
             double angle = body->joint < SP_JOINTS ? q[body->joint] : vectoring[body->joint - SP_JOINTS];
-            double s = sin(angle), c = cos(angle), turn[9], R1[9], step[3];
-            const double *a = body->axis;
-            for (int i = 0; i < 3; i++)
-                for (int j = 0; j < 3; j++) turn[3 * i + j] = (1.0 - c) * a[i] * a[j] + (i == j ? c : 0.0);
-            turn[1] -= s * a[2], turn[2] += s * a[1], turn[3] += s * a[2];
-            turn[5] -= s * a[0], turn[6] -= s * a[1], turn[7] += s * a[0];
-            sp_product(R0, body->rotation, R1);
-            sp_product(R1, turn, t->R[k]);
-            sp_apply(R1, a, t->axis[k]);
+            double R1[9], step[3];
+            turn(body, R0, angle, R1, t->R[k]);
+            sp_apply(R1, body->axis, t->axis[k]);
             sp_apply(R0, body->position, step);
             for (int i = 0; i < 3; i++) t->p[k][i] = t->p[body->parent][i] + step[i];
         }
@@ -58,6 +65,18 @@ static void place(const sp_robot *robot, const double *q, const double *vectorin
         t->mass[up] = m;
         sp_copy(t->com[up], com, 3);
     }
+}
+
+/* Attitudes R_bl of the rotors' links at joint angles q. */
+void sp_link_attitudes(const sp_robot *robot, const double *q, double R_bl[SP_ROTORS][9])
+{
+    double R[SP_BODIES][9], R1[9];
+    sp_identity(R[0]);
+    for (int k = 1; k < SP_BODIES; k++) {
+        const sp_body *body = &robot->tree[k];
+        if (body->joint < SP_JOINTS) turn(body, R[body->parent], q[body->joint], R1, R[k]);
+    }
+    for (int i = 0; i < SP_ROTORS; i++) sp_copy(R_bl[i], R[robot->link_body[i]], 9);
 }
 
 /* Column j of J (3, 16): velocity of a point per rate of joint j, which moves body k. */

@@ -165,15 +165,6 @@ static void count(const sp_course_rules *rules, const sp_course_robot *c, sp_cou
     q->is_empty = !(c->charge > 0.0);
 }
 
-/* Return whether a quantity is above the limit at which a step ends. */
-static int stops(const sp_course_rules *rules, const sp_course_quantities *quantities)
-{
-    const double *values = (const double *)quantities;
-    for (int k = 0; k < SP_COURSE_QUANTITIES; k++)
-        if (values[k] > rules->stop[k]) return 1;
-    return 0;
-}
-
 /* ---- an episode ---- */
 
 static void begin(sp_engine *e, sp_thread *thread, int robot)
@@ -221,6 +212,16 @@ static void act(const sp_course_rules *rules, sp_room *room, sp_course_robot *c)
     const sp_robot_state *seen = &episode->seen;
     const sp_residual *residual = &SP_NO_RESIDUAL;
     sp_target target;
+    if (mode->is_in_torso_axes) {
+        double R_bl[SP_ROTORS][9], joints[SP_JOINTS];
+        sp_link_attitudes(room->robot, seen->joint_position, R_bl);
+        sp_act_in_torso_axes(episode->action, mode->authority, mode->size, mode->trim, R_bl[0], room->robot,
+                             memory->vectoring, memory->forces_l, joints, &episode->command);
+        for (int j = 0; j < SP_JOINTS; j++) joints[j] += c->manager.lying[j];
+        sp_command_joints(joints, room->robot, rules->manager.flight.joint_speed, memory->joint_position, NULL, &episode->command);
+        episode->has_command = 1;
+        return;
+    }
     if (mode->is_direct && !rules->is_waypoint) {
         sp_act_directly(episode->action, room->robot, rules->manager.flight.joint_speed, memory->vectoring,
                         memory->forces_l, memory->joint_position, NULL, &episode->command);
@@ -282,6 +283,7 @@ static void observe(const sp_course_rules *rules, const sp_robot *robot, const s
     sp_observe_course(robot, &c->manager, &c->pilot, &c->course, seen, episode->has_command ? &episode->command : &still,
                       c->charge, 1.0 - (double)episode->ticks / rules->rules.horizon, episode->action,
                       rules->rules.mode.size, rules->rules.bound, observation);
+    sp_scale(&rules->rules, observation);
 }
 
 static void show(sp_engine *e, sp_thread *thread, int robot)
@@ -313,7 +315,7 @@ static int move(sp_engine *e, const sp_course_rules *rules, sp_thread *thread, s
     measure(rules, thread->room->robot, c);
     advance(rules, c);
     count(rules, c, &now);
-    return !stops(rules, &now);
+    return !sp_stops(&rules->rules, (const double *)&now, sizeof now / sizeof(double));
 }
 
 static void step_robot(sp_engine *e, sp_thread *thread, int robot)
@@ -331,8 +333,7 @@ static void step_robot(sp_engine *e, sp_thread *thread, int robot)
     c->plant.violated = 0;
     sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
     sp_carry(e, thread, robot);
-    /* A Python controller commands each control period separately. */
-    for (int k = 0; k < (rules->rules.is_commanded ? 1 : rules->hold); k++)
+    for (int k = 0; k < sp_periods(&rules->rules); k++)
         if (!move(e, rules, thread, c)) break;
     show(e, thread, robot);
 }

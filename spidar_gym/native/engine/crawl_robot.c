@@ -197,7 +197,14 @@ static void act(const sp_crawl_rules *rules, sp_room *room, sp_crawl_robot *c)
     sp_episode *episode = &c->episode;
     sp_crawl_memory *memory = &c->crawl.memory;
     const sp_action_mode *mode = &rules->rules.mode;
-    if (mode->is_direct) {
+    if (mode->is_in_torso_axes) {
+        double R_bl[SP_ROTORS][9], target[SP_JOINTS];
+        sp_link_attitudes(room->robot, episode->seen.joint_position, R_bl);
+        sp_act_in_torso_axes(episode->action, mode->authority, mode->size, mode->trim, R_bl[0], room->robot,
+                             memory->vectoring, memory->forces_l, target, &episode->command);
+        for (int j = 0; j < SP_JOINTS; j++) target[j] += rules->lies[j];
+        sp_command_joints(target, room->robot, rules->controller.joint_speed, memory->joint_position, NULL, &episode->command);
+    } else if (mode->is_direct) {
         sp_act_directly(episode->action, room->robot, rules->controller.joint_speed, memory->vectoring,
                         memory->forces_l, memory->joint_position, NULL, &episode->command);
     } else {
@@ -330,10 +337,12 @@ static void observe(const sp_crawl_rules *rules, const sp_crawl_robot *c, float 
     const double goal[3] = {c->goal.x, c->goal.y, c->goal.yaw};
     if (c->plant.diverged)
         memset(observation, 0, (size_t)rules->rules.size * sizeof *observation);
-    else if (!rules->rules.is_commanded) /* Python writes the observation of a Python controller */
+    else if (!rules->rules.is_commanded) { /* Python writes the observation of a Python controller */
         sp_observe_crawl(&c->crawl, &episode->seen, goal,
                          episode->has_command ? episode->command.thrust : episode->seen.thrust, episode->action,
                          rules->rules.mode.size, rules->rules.bound, observation);
+        sp_scale(&rules->rules, observation);
+    }
 }
 
 static void show(sp_engine *e, int robot)
@@ -351,45 +360,66 @@ static void reset_robot(sp_engine *e, sp_thread *thread, int robot)
     show(e, robot);
 }
 
-/* Finish a tick after its physics; the robot is still loaded or has diverged. */
+/* Finish a tick after its physics, up to the outputs; the robot is still loaded or has diverged. */
 static void conclude(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_crawl_rules *rules = sp_rules_of(e, robot);
     sp_crawl_robot *c = (sp_crawl_robot *)sp_plant_of(e, robot);
-    if (!c->plant.diverged) {
-        sp_look(thread->room->robot, &rules->rules, &c->plant, &c->episode);
-        update_errors(e, rules, &thread->sim, c);
-        advance(rules, thread->room->robot, c);
-    }
-    show(e, robot);
+    if (c->plant.diverged) return;
+    sp_look(thread->room->robot, &rules->rules, &c->plant, &c->episode);
+    update_errors(e, rules, &thread->sim, c);
+    advance(rules, thread->room->robot, c);
+}
+
+/* Simulate a control period; the robot's part of the model is in place. Returns whether the step continues. */
+static int move(sp_engine *e, sp_thread *thread, int robot)
+{
+    const sp_crawl_rules *rules = sp_rules_of(e, robot);
+    sp_crawl_robot *c = (sp_crawl_robot *)sp_plant_of(e, robot);
+    sp_crawl_quantities now;
+    if (rules->rules.is_commanded) c->episode.has_command = 1;
+    else act(rules, thread->room, c);
+    sp_enter(e->world, &thread->sim, &c->plant);
+    sp_plant_step(e->world, &thread->sim, &c->episode.command, &c->plant);
+    sp_leave(&thread->sim, &c->plant);
+    conclude(e, thread, robot);
+    if (c->plant.diverged || rules->rules.hold == 1) return !c->plant.diverged;
+    count(rules, c, &now);
+    return !sp_stops(&rules->rules, (const double *)&now, sizeof now / sizeof(double));
 }
 
 static void step_robot(sp_engine *e, sp_thread *thread, int robot)
 {
-    const sp_crawl_rules *rules = sp_rules_of(e, robot);
+    const sp_rules *rules = &((const sp_crawl_rules *)sp_rules_of(e, robot))->rules;
     sp_crawl_robot *c = (sp_crawl_robot *)sp_plant_of(e, robot);
     sp_episode *episode = &c->episode;
-    if (episode->over && rules->rules.autoreset == SP_RESET_NEXT_STEP) {
+    if (episode->over && rules->autoreset == SP_RESET_NEXT_STEP) {
         reset_robot(e, thread, robot);
         return;
     }
     e->begun[robot] = 0;
     episode->ticks++;
-    sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
-    if (rules->rules.is_commanded) episode->has_command = 1;
-    else act(rules, thread->room, c);
-    sp_carry(e, thread, robot);
-    sp_enter(e->world, &thread->sim, &c->plant);
     c->plant.violated = 0;
-    sp_plant_step(e->world, &thread->sim, &episode->command, &c->plant);
-    sp_leave(&thread->sim, &c->plant);
-    conclude(e, thread, robot);
+    sp_take_action(rules, e->actions + (int64_t)robot * rules->mode.size, episode);
+    sp_carry(e, thread, robot);
+    for (int k = 0; k < sp_periods(rules); k++)
+        if (!move(e, thread, robot)) break;
+    show(e, robot);
+}
+
+/* Simulate one more control period of a step. */
+static void hold_robot(sp_engine *e, sp_thread *thread, int robot)
+{
+    sp_carry(e, thread, robot);
+    move(e, thread, robot);
+    show(e, robot);
 }
 
 static void lose_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_plant_of(e, robot)->diverged = 1;
     conclude(e, thread, robot);
+    show(e, robot);
 }
 
 static void show_robot(sp_engine *e, sp_thread *thread, int robot)
@@ -401,4 +431,5 @@ static void show_robot(sp_engine *e, sp_thread *thread, int robot)
 int sp_show_crawl_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show_robot, NULL); }
 int sp_reset_crawl_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_robot, NULL); }
 int sp_step_crawl_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_robot, NULL); }
+int sp_hold_crawl_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, hold_robot, NULL); }
 int sp_lose_crawl_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, lose_robot, NULL); }

@@ -171,6 +171,7 @@ int sp_regard_hover_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_show_hover_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_reset_hover_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_step_hover_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_hold_hover_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_lose_hover_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_watch_hover_robots(sp_engine *engine, const int32_t *ids, int n, sp_watch *watches);
 
@@ -179,6 +180,7 @@ int32_t sp_draw_way(const sp_crawl_rules *rules, sp_generator *generator, int64_
 int sp_show_crawl_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_reset_crawl_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_step_crawl_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_hold_crawl_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_lose_crawl_robots(sp_engine *engine, const int32_t *ids, int n);
 
 /* course_robot.c */

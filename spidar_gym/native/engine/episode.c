@@ -90,6 +90,23 @@ void sp_direct_action(const sp_command *command, const sp_robot *robot, double *
         action[3 * SP_ROTORS + j] = sp_clip(command->joint_position[j] / robot->joint_limit, -1.0, 1.0);
 }
 
+/* Scale an observation. */
+void sp_scale(const sp_rules *rules, float *observation)
+{
+    for (int k = 0; rules->is_scaled && k < rules->size; k++) observation[k] = (float)(observation[k] * rules->gain[k]);
+}
+
+/* Number of control periods of a step; Python's commands and references are new in each. */
+int64_t sp_periods(const sp_rules *rules) { return rules->is_commanded || rules->is_referred ? 1 : rules->hold; }
+
+/* Return whether a quantity is above the limit at which a step of several control periods ends. */
+int sp_stops(const sp_rules *rules, const double *quantities, int count)
+{
+    for (int k = 0; k < count; k++)
+        if (quantities[k] > rules->stop[k]) return 1;
+    return 0;
+}
+
 /* Write the quantities that all tasks use for rewards, failures and success; `ticks` are control ticks since reset. */
 void sp_count_episode(const sp_rules *rules, const sp_plant *plant, const sp_episode *episode, int64_t ticks,
                       sp_quantities *q)

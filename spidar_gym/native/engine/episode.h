@@ -16,6 +16,9 @@ void sp_tell(const sp_rules *rules, const sp_plant *plant, const sp_episode *epi
              const sp_allocation *allocation, int32_t touching, sp_info *info);
 #define SP_IN_THE_AIR (SP_VIOLATED_FOOT | SP_VIOLATED_DUCT | SP_VIOLATED_PART) /* parts whose contact costs */
 #define SP_ON_THE_FLOOR (SP_VIOLATED_DUCT | SP_VIOLATED_PART)
+void sp_scale(const sp_rules *rules, float *observation);
+int64_t sp_periods(const sp_rules *rules);
+int sp_stops(const sp_rules *rules, const double *quantities, int count);
 void sp_count_episode(const sp_rules *rules, const sp_plant *plant, const sp_episode *episode, int64_t ticks,
                       sp_quantities *quantities);
 

@@ -318,6 +318,16 @@ static void act(const sp_hover_rules *rules, sp_room *room, sp_hover_robot *h)
         episode->command = h->advice;
         sp_direct_action(&h->advice, room->robot, episode->action);
         sp_copy(h->joint_velocity, h->flight.joint_velocity, SP_JOINTS);
+    } else if (mode->is_in_torso_axes) {
+        double target[SP_JOINTS], joints[SP_JOINTS];
+        sp_act_in_torso_axes(episode->action, mode->authority, mode->size, mode->trim, h->percept.snapshot.R_bl[0],
+                             room->robot, memory->vectoring, memory->forces_l, target, &episode->command);
+        for (int j = 0; j < SP_JOINTS; j++) target[j] += h->reference.joint_target[j];
+        sp_plan_joints(room->robot, &h->flight, target, 1.0, joints, h->joint_velocity);
+        sp_copy(memory->joint_position, joints, SP_JOINTS);
+        sp_copy(memory->joint_velocity, h->joint_velocity, SP_JOINTS);
+        sp_copy(episode->command.joint_position, joints, SP_JOINTS);
+        for (int j = 0; j < SP_JOINTS; j++) episode->command.joint_torque_limit[j] = room->robot->max_joint_torque;
     } else if (mode->is_direct) {
         sp_act_directly(episode->action, room->robot, rules->controller.joint_speed, memory->vectoring,
                         memory->forces_l, memory->joint_position, h->joint_velocity, &episode->command);
@@ -430,11 +440,13 @@ static void observe(const sp_hover_rules *rules, const sp_hover_robot *h, float 
     const sp_preview *next = &h->preview;
     if (h->plant.diverged)
         memset(observation, 0, (size_t)rules->rules.size * sizeof *observation);
-    else if (!rules->rules.is_commanded) /* Python writes the observation of a Python controller */
+    else if (!rules->rules.is_commanded) { /* Python writes the observation of a Python controller */
         sp_observe(&h->flight, &episode->seen, &h->percept,
                    episode->has_command ? episode->command.thrust : episode->seen.thrust, h->joint_velocity,
                    h->leg_momentum, h->leg_momentum_rate, next, rules->path != SP_PATHS_NONE, episode->action,
                    rules->rules.mode.size, rules->rules.bound, observation);
+        sp_scale(&rules->rules, observation);
+    }
 }
 
 static void show(sp_engine *e, int robot)
@@ -454,16 +466,21 @@ static void reset_robot(sp_engine *e, sp_thread *thread, int robot)
     show(e, robot);
 }
 
-/* Update the reference and the errors, then write `info`, quantities and observation. */
-static void regard(sp_engine *e, sp_thread *thread, int robot)
+/* Update the reference and the errors. */
+static void update(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_hover_rules *rules = sp_rules_of(e, robot);
     sp_hover_robot *h = (sp_hover_robot *)sp_plant_of(e, robot);
-    if (!h->plant.diverged) {
-        if (!rules->rules.is_referred) refer(rules, goals_of(e, robot), knots_of(e, robot), h);
-        if (e->begun[robot]) look_at(rules, thread->room->robot, h);
-        else take_note(rules, thread->room->robot, h);
-    }
+    if (h->plant.diverged) return;
+    if (!rules->rules.is_referred) refer(rules, goals_of(e, robot), knots_of(e, robot), h);
+    if (e->begun[robot]) look_at(rules, thread->room->robot, h);
+    else take_note(rules, thread->room->robot, h);
+}
+
+/* Update the reference and the errors, then write `info`, quantities and observation. */
+static void regard(sp_engine *e, sp_thread *thread, int robot)
+{
+    update(e, thread, robot);
     show(e, robot);
 }
 
@@ -475,7 +492,8 @@ static void refer_robot(sp_engine *e, sp_thread *thread, int robot)
     preview(goals_of(e, robot), knots_of(e, robot), h);
 }
 
-/* Finish a tick after its physics. Where references or commands come from Python, Python runs before `regard`. */
+/* Finish a tick after its physics, up to the outputs. Where references or commands come from Python, Python runs before
+ * `regard`. */
 static void conclude(sp_engine *e, sp_thread *thread, int robot)
 {
     const sp_hover_rules *rules = sp_rules_of(e, robot);
@@ -487,36 +505,64 @@ static void conclude(sp_engine *e, sp_thread *thread, int robot)
     }
     if (rules->rules.is_referred) count(rules, goals_of(e, robot), h, (sp_hover_quantities *)e->quantities + robot);
     else if (rules->rules.is_commanded) refer_robot(e, thread, robot);
-    else regard(e, thread, robot);
+    else update(e, thread, robot);
+}
+
+/* Simulate a control period; the robot's part of the model is in place. Returns whether the step continues. */
+static int move(sp_engine *e, sp_thread *thread, int robot)
+{
+    const sp_hover_rules *rules = sp_rules_of(e, robot);
+    sp_hover_robot *h = (sp_hover_robot *)sp_plant_of(e, robot);
+    sp_hover_quantities now;
+    if (!rules->rules.is_referred) refer(rules, goals_of(e, robot), knots_of(e, robot), h);
+    if (rules->rules.is_commanded) h->episode.has_command = 1;
+    else act(rules, thread->room, h);
+    sp_enter(e->world, &thread->sim, &h->plant);
+    sp_plant_step(e->world, &thread->sim, &h->episode.command, &h->plant);
+    sp_leave(&thread->sim, &h->plant);
+    conclude(e, thread, robot);
+    if (h->plant.diverged || rules->rules.hold == 1) return !h->plant.diverged;
+    count(rules, goals_of(e, robot), h, &now);
+    return !sp_stops(&rules->rules, (const double *)&now, sizeof now / sizeof(double));
+}
+
+static void finish(sp_engine *e, int robot)
+{
+    const sp_rules *rules = &((const sp_hover_rules *)sp_rules_of(e, robot))->rules;
+    if (!(rules->is_referred || rules->is_commanded)) show(e, robot);
 }
 
 static void step_robot(sp_engine *e, sp_thread *thread, int robot)
 {
-    const sp_hover_rules *rules = sp_rules_of(e, robot);
+    const sp_rules *rules = &((const sp_hover_rules *)sp_rules_of(e, robot))->rules;
     sp_hover_robot *h = (sp_hover_robot *)sp_plant_of(e, robot);
     sp_episode *episode = &h->episode;
-    if (episode->over && rules->rules.autoreset == SP_RESET_NEXT_STEP) {
+    if (episode->over && rules->autoreset == SP_RESET_NEXT_STEP) {
         reset_robot(e, thread, robot);
         return;
     }
     e->begun[robot] = 0;
     episode->ticks++;
-    sp_take_action(&rules->rules, e->actions + (int64_t)robot * rules->rules.mode.size, episode);
-    if (!rules->rules.is_referred) refer(rules, goals_of(e, robot), knots_of(e, robot), h);
-    if (rules->rules.is_commanded) episode->has_command = 1;
-    else act(rules, thread->room, h);
-    sp_carry(e, thread, robot);
-    sp_enter(e->world, &thread->sim, &h->plant);
     h->plant.violated = 0;
-    sp_plant_step(e->world, &thread->sim, &episode->command, &h->plant);
-    sp_leave(&thread->sim, &h->plant);
-    conclude(e, thread, robot);
+    sp_take_action(rules, e->actions + (int64_t)robot * rules->mode.size, episode);
+    sp_carry(e, thread, robot);
+    for (int k = 0; k < sp_periods(rules); k++)
+        if (!move(e, thread, robot)) break;
+    finish(e, robot);
+}
+
+/* Simulate one more control period of a step. */
+static void hold_robot(sp_engine *e, sp_thread *thread, int robot)
+{
+    sp_carry(e, thread, robot);
+    move(e, thread, robot);
 }
 
 static void lose_robot(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_plant_of(e, robot)->diverged = 1;
     conclude(e, thread, robot);
+    finish(e, robot);
 }
 
 static void show_robot(sp_engine *e, sp_thread *thread, int robot)
@@ -555,4 +601,5 @@ int sp_regard_hover_robots(sp_engine *e, const int32_t *ids, int n) { return sp_
 int sp_show_hover_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, show_robot, NULL); }
 int sp_reset_hover_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, reset_robot, NULL); }
 int sp_step_hover_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, step_robot, NULL); }
+int sp_hold_hover_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, hold_robot, NULL); }
 int sp_lose_hover_robots(sp_engine *e, const int32_t *ids, int n) { return sp_run(e, ids, n, lose_robot, NULL); }

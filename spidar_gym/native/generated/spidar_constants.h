@@ -34,6 +34,7 @@
 #define SP_SMALL_ANGLE 0x1.ad7f29abcaf48p-24 /* 1e-07, spidar_gym.so3.SMALL_ANGLE */
 #define SP_SMALL_SINE 0x1.0c6f7a0b5ed8dp-20 /* 1e-06, spidar_gym.so3.SMALL_SINE */
 #define SP_MIN_FORCE 0x1.0000000000000p-1 /* 0.5, spidar_gym.model.rotor.MIN_FORCE */
+#define SP_AIM_HOLD 0x1.999999999999ap-5 /* 0.05, spidar_gym.model.rotor.AIM_HOLD */
 #define SP_TURN_BIAS 0x1.999999999999ap-4 /* 0.1, spidar_gym.model.rotor.TURN_BIAS */
 #define SP_NARROW 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.control.rotors.NARROW */
 #define SP_MISSED_FORCE 0x1.0000000000000p+0 /* 1.0, spidar_gym.control.flight.centroidal.MISSED_FORCE */
@@ -194,9 +195,9 @@ typedef enum {
     SP_CHANNEL_GAIT = 16, SP_CHANNEL_LEG_FORCES = 32
 } sp_channel;
 
-/* Controller that a policy adds to; `direct` commands a flight itself. */
+/* Controller that a policy adds to, or `direct` for one without a controller. */
 typedef enum {
-    SP_POLICY_NONE = -1, SP_POLICY_FLIGHT = 0, SP_POLICY_CRAWL = 1, SP_POLICY_DIRECT = 2
+    SP_POLICY_NONE = -1, SP_POLICY_FLIGHT = 0, SP_POLICY_CRAWL = 1, SP_POLICY_DIRECT = 2, SP_POLICY_CRAWL_DIRECT = 3
 } sp_policy_target;
 
 enum { SP_REFERENCE_MODE_FLIGHT = 0, SP_REFERENCE_MODE_FLIGHT_UNRESTRICTED = 1 };

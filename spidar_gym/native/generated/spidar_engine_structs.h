@@ -20,7 +20,6 @@
 #define SP_STAIRS 2 /* engine_structs */
 #define SP_BOXES 64 /* engine_structs */
 #define SP_AIR_STEPS 10 /* engine_structs */
-#define SP_COURSE_QUANTITIES 17 /* engine_structs */
 #define SP_SERVO_STEPS 5 /* engine_structs */
 #define SP_IMU_STEPS 2 /* engine_structs */
 #define SP_FASTEST 0x1.8000000000000p+3 /* 12.0, engine_structs */
@@ -364,6 +363,8 @@ typedef struct {
 /* Meaning of the entries of an action. */
 typedef struct {
     int32_t size, is_direct, channels; /* entries; whether they bypass the controller; bits of sp_channel */
+    int32_t is_in_torso_axes; /* whether those that bypass it are forces in torso axes and offsets of joints */
+    double trim; /* share of the weight that the rotors bear at a zero action in torso axes */
     double authority[48]; /* value of an entry of 1 */
 } sp_action_mode;
 
@@ -373,13 +374,15 @@ typedef struct {
     sp_estimator_config estimator;
     sp_action_mode mode;
     double bound[512]; /* of each number of the observation */
-    int32_t size; /* of the observation */
+    double gain[512]; /* factor of each of its numbers, after the bound */
+    int32_t size, is_scaled; /* of the observation; whether its numbers are multiplied by `gain` */
     int32_t is_described; /* whether integrals begin at zero, as a described robot needs no trim */
     int32_t draws; /* number of valid entries of `draw` */
     sp_draw draw[64]; /* in the order of the draws */
     double strength; /* of the randomisation, 0 … 1 */
     int32_t kinds, kind; /* number of kinds of robots, 0 for one; the given kind, −1 for a sampled one */
-    int64_t horizon; /* ticks of an episode, after which success is evaluated */
+    int64_t horizon, hold; /* steps of an episode, after which success is evaluated; ticks of a step */
+    double stop[19]; /* limits of the quantities, above which a step of several ticks ends */
     int32_t truncates, autoreset; /* whether the episode ends at the horizon; sp_autoreset */
     int32_t is_commanded, is_referred; /* whether commands come from Python; whether references do */
     int32_t is_advised; /* whether the controller computes its advice where actions bypass it */
@@ -611,8 +614,7 @@ typedef struct {
     double first_gap[2], gap[2], goal_way[2]; /* ranges: to the first gate, between gates, floor to goal [m] */
     double floor_gap, floor_length, middle, goal_side, goal_yaw; /* [m], the last [rad] */
     double charge[2]; /* range of the initial charge */
-    int32_t is_waypoint, hold, decide; /* whether an action is a target; ticks of a step; of a decision */
-    double stop[17]; /* limit of each quantity above which a step ends */
+    int32_t is_waypoint, decide; /* whether an action is a target; ticks between decisions */
     double lies, at_rest; /* [m], [m/s] */
     double carried, turn_length, success_position, success_yaw; /* of the weight; per radian [m]; [m], [rad] */
 } sp_course_rules;

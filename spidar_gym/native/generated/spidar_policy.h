@@ -22,7 +22,6 @@
 #define SP_POLICY_SPEED 0.0
 #define SP_POLICY_ACCELERATION 0.0
 #define SP_POLICY_SURE 0.0
-#define SP_POLICY_HOLD 0.0
 #define SP_POLICY_JOINT_LIMIT 0.0
 #define SP_POLICY_AT_JOINTS 0
 #define SP_POLICY_AT_SINE 0
@@ -42,6 +41,10 @@
 #define SP_POLICY_SQUASH 0
 #define SP_POLICY_CLIP 0.0
 #define SP_POLICY_STEP 0.0
+#define SP_POLICY_SCALED 0
+#define SP_POLICY_IN_TORSO_AXES 0
+#define SP_POLICY_TRIM 0.0
+#define SP_POLICY_HOLD 1
 
 static const int SP_POLICY_TRACED[1] = {
     0,
@@ -60,6 +63,10 @@ static const double SP_POLICY_DEVIATION[1] = {
 };
 
 static const double SP_POLICY_BOUND[1] = {
+    0x0.0p+0,
+};
+
+static const double SP_POLICY_GAIN[1] = {
     0x0.0p+0,
 };
 
