@@ -18,10 +18,12 @@ from spidar_gym.tasks.crawl import CrawlTask
 from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.tasks.path import PathTask
 from spidar_gym.tasks.robots import CourseRobots, CrawlRobots, HoverRobots
-from spidar_gym.tasks.task import Task, require_ranges, tolerance
+from spidar_gym.tasks.task import Task, length, require_ranges, tolerance
 
 WIDE_POSITION, WIDE_ATTITUDE = 0.15, 0.15
 """Errors at which the wide terms of a flight are ½ [m], [rad]."""
+WIDE_VELOCITY, WIDE_TURNING = 0.3, 0.5
+"""Errors at which the terms of the velocities are ½ [m/s], [rad/s]; they tell a thrust's effect at the next tick."""
 NARROW_POSITION, NARROW_ATTITUDE = 0.03, 0.03
 """Errors at which the narrow terms of a flight are ½ [m], [rad]."""
 WHOLE = 100.0
@@ -31,10 +33,12 @@ PER_WH = 1.0
 ARRIVAL = {"arrival_position": (1e-3, 1.0, "m"), "arrival_yaw": (1e-3, 3.2, "rad")}
 """Least and largest value of each argument, and its unit."""
 _FLIGHT: Mapping[str, tuple[float, str]] = {
-    "position": (0.25, f"1 / (1 + ‖position error‖ / {WIDE_POSITION:g} m)"),
-    "attitude": (0.25, f"1 / (1 + ‖attitude error‖ / {WIDE_ATTITUDE:g} rad)"),
-    "still": (0.2, f"1 / (1 + (‖position error‖ / {NARROW_POSITION:g} m)²)"),
-    "level": (0.2, f"1 / (1 + (‖attitude error‖ / {NARROW_ATTITUDE:g} rad)²)"),
+    "position": (0.2, f"1 / (1 + ‖position error‖ / {WIDE_POSITION:g} m)"),
+    "attitude": (0.2, f"1 / (1 + ‖attitude error‖ / {WIDE_ATTITUDE:g} rad)"),
+    "velocity": (0.1, f"1 / (1 + ‖velocity error‖ / {WIDE_VELOCITY:g} m/s)"),
+    "turning": (0.1, f"1 / (1 + ‖angular velocity error‖ / {WIDE_TURNING:g} rad/s)"),
+    "still": (0.15, f"1 / (1 + (‖position error‖ / {NARROW_POSITION:g} m)²)"),
+    "level": (0.15, f"1 / (1 + (‖attitude error‖ / {NARROW_ATTITUDE:g} rad)²)"),
     "action": (0.1, "1 − mean a²"),
 }
 _MEMORY = (("share", "f8", ()), ("gained", "f8", ()), ("energy_wh", "f8", ()), ("spent_wh", "f8", ()))
@@ -49,6 +53,8 @@ def _flight_terms(robots: HoverRobots) -> Mapping[str, np.ndarray]:
     return {
         "position": slope(robots.distance, WIDE_POSITION),
         "attitude": slope(robots.angle, WIDE_ATTITUDE),
+        "velocity": slope(length(robots.error["velocity_w"]), WIDE_VELOCITY),
+        "turning": slope(length(robots.error["omega_b"]), WIDE_TURNING),
         "still": tolerance(robots.distance, NARROW_POSITION),
         "level": tolerance(robots.angle, NARROW_ATTITUDE),
         "action": 1.0 - robots.effort,

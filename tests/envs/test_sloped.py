@@ -86,13 +86,14 @@ def test_a_success_ends_the_episode_without_a_failure():
 def test_the_terms_of_a_flight_fall_with_the_error_at_any_distance(name):
     vector = gymnasium.make_vec(name, num_envs=1, reward="sloped")
     view, errors = vector.fleet.view, np.array([0.0, 0.01, 0.1, 0.5, 1.0, 5.0])
-    values = []
+    words, values = ("position", "attitude", "velocity", "turning", "still", "level"), []
     for error in errors:
         view.distance[0] = view.angle[0] = error
-        values.append([float(each[0]) for each in vector.task.terms(view).values()][:4])
+        view.error["velocity_w"][0] = view.error["omega_b"][0] = [0.0, error, 0.0]
+        values.append([float(vector.task.terms(view)[word][0]) for word in words])
     drops = -np.diff(np.array(values), axis=0)
     assert (drops > 0.0).all()
-    assert (drops[:, :2].sum(axis=1) / np.diff(errors) > 0.01).all()
+    assert (drops[:, :4] / np.diff(errors)[:, None] > 0.005).all()
 
 
 def test_a_reward_that_is_not_valid_is_refused_in_one_line():
