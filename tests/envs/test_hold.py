@@ -33,7 +33,7 @@ def test_a_step_of_four_periods_is_four_steps_of_one(name, control):
 
 
 @pytest.mark.parametrize("control", ["core", "python"])
-def test_a_failure_ends_a_step_and_other_robots_go_on(control):
+def test_a_failure_ends_a_step_early(control):
     down = np.r_[np.tile([0.0, 0.0, -1.0], 8), np.zeros(16)].astype(np.float32)
     options = {"action_mode": TORSO, "action_scale": {"force": 10.0}, "control": control}
     short = gymnasium.make(HOVER, **options).unwrapped

@@ -8,7 +8,7 @@ from spidar_gym.envs.actions import TORSO
 from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
 from spidar_gym.errors import InvalidValueError, UnknownNameError
 from spidar_gym.tasks.crawl import CrawlTask
-from spidar_gym.tasks.sloped import PER_WH, WHOLE
+from spidar_gym.tasks.sloped import PER_WH, WHOLE, SlopedSteps
 
 CLASSICAL = {
     HOVER: {"preset": "steady"}, PATH: {"preset": "steady"},
@@ -36,7 +36,7 @@ def played(name, action, robots=2, steps=None, **options):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CLASSICAL)
-def test_lying_still_falling_at_once_and_the_opposite_bring_at_most_a_tenth_of_the_best(name):
+def test_lying_still_falling_at_once_and_a_constant_push_bring_at_most_a_tenth_of_the_best(name):
     best = played(name, 0.0, **CLASSICAL[name])[0].mean()
     own = {key: value for key, value in CLASSICAL[name].items() if key not in ("preset", "action_mode")}
     own |= {"action_mode": TORSO, "horizon_s": 20.0 if name in (HOVER, PATH) else 75.0}
@@ -94,6 +94,26 @@ def test_the_terms_of_a_flight_fall_with_the_error_at_any_distance(name):
     drops = -np.diff(np.array(values), axis=0)
     assert (drops > 0.0).all()
     assert (drops[:, :4] / np.diff(errors)[:, None] > 0.005).all()
+
+
+@pytest.mark.parametrize("terrain", ["tiles", "stairs"])
+def test_the_heights_in_sight_are_those_of_the_floor_at_the_points_ahead_of_a_turned_robot(terrain):
+    options = {"task": SlopedSteps, "steps": 0.05, "terrain": terrain, "action_mode": TORSO}
+    env = gymnasium.make(CRAWL, **options).unwrapped
+    env.reset(seed=4)
+    state, seen = env.fleet.robots["episode"]["seen"][0], []
+    for yaw, x, y in ((0.0, 0.0, 0.0), (0.7, 0.3, -0.4), (-2.1, -0.2, 0.6)):
+        state["quat_wb"], state["position_w"][:2] = [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)], (x, y)
+        ahead, left = (
+            each.reshape(-1) for each in np.meshgrid(0.25 * np.arange(-2, 5), 0.25 * np.arange(-2, 3), indexing="ij")
+        )
+        points = np.stack(
+            [x + np.cos(yaw) * ahead - np.sin(yaw) * left, y + np.sin(yaw) * ahead + np.cos(yaw) * left, 0 * ahead], 1
+        )
+        found = env.task.observe(env.fleet.view)["heights"][0]
+        assert np.array_equal(found, np.maximum(env.plant.config.ground.height(points), 0.0))
+        seen.append(found)
+    assert np.ptp(seen) > 0.02
 
 
 def test_a_reward_that_is_not_valid_is_refused_in_one_line():

@@ -127,7 +127,7 @@ static void torso_action(const sp_robot *robot, const sp_policy *policy, const s
         for (int k = 0; k < 3; k++) f_b[k] = SP_POLICY_FORCE * said[3 * i + k];
         f_b[2] += robot->weight / SP_ROTORS;
         sp_aim(snapshot->R_bl[i], f_b, seen[SP_POLICY_AT_COMMAND_SINE + 2 * i], seen[SP_POLICY_AT_COMMAND_COSINE + 2 * i],
-               SP_AIM_HOLD, &thrust, angles);
+               &thrust, angles);
         action[i] = 2.0 * thrust / robot->max_thrust - 1.0;
         action[SP_ROTORS + i] = angles[0] / SP_PI;
         action[2 * SP_ROTORS + i] = angles[1] / SP_PI;

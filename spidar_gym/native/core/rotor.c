@@ -141,13 +141,13 @@ void sp_follow(const double *forces_l, const sp_lock *lock, const double *presen
 }
 
 /* λ, φ and θ of a module whose thrust is a force in torso axes. Of the two pairs (φ, θ), the one with φ closer to the
- * last is used. φ, which is undefined for a thrust along its axis, is that of the force plus `hold` times its length
+ * last is used. φ, which is undefined for a thrust along its axis, is that of the force plus SP_AIM_HOLD times its length
  * along the last φ. `sine` and `cosine` are those of the last φ. */
-void sp_aim(const double *R_bl, const double *force_b, double sine, double cosine, double hold, double *thrust, double *angles)
+void sp_aim(const double *R_bl, const double *force_b, double sine, double cosine, double *thrust, double *angles)
 {
     double f[3];
     sp_apply_t(R_bl, force_b, f);
-    double held = hold * sp_norm(f), side = cosine * f[2] - sine * f[1] < 0.0 ? -1.0 : 1.0;
+    double held = SP_AIM_HOLD * sp_norm(f), side = cosine * f[2] - sine * f[1] < 0.0 ? -1.0 : 1.0;
     angles[0] = atan2(held * sine - side * f[1], held * cosine + side * f[2]);
     double along = cos(angles[0]) * f[2] - sin(angles[0]) * f[1];
     *thrust = hypot(f[0], along);
@@ -169,7 +169,7 @@ void sp_act_in_torso_axes(const double *action, const double *authority, int siz
         double f[3], *angle = vectoring + 2 * i, aimed[2], thrust;
         for (int k = 0; k < 3; k++) f[k] = authority[3 * i + k] * action[3 * i + k];
         f[2] += trim * robot->weight / SP_ROTORS;
-        sp_aim(R_bl + 9 * i, f, sin(angle[0]), cos(angle[0]), SP_AIM_HOLD, &thrust, aimed);
+        sp_aim(R_bl + 9 * i, f, sin(angle[0]), cos(angle[0]), &thrust, aimed);
         if (!(thrust < SP_MIN_FORCE))
             for (int k = 0; k < 2; k++) angle[k] = turned(angle[k], aimed[k]);
         command->thrust[i] = sp_min(thrust, robot->max_thrust);

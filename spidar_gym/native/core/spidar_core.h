@@ -30,7 +30,7 @@ void sp_link_attitudes(const sp_robot *robot, const double *q, double R_bl[SP_RO
 
 /* rotor.c */
 void sp_vectoring_to_force(const double *thrust, const double *vectoring, double *forces_l);
-void sp_aim(const double *R_bl, const double *force_b, double sine, double cosine, double hold, double *thrust, double *angles);
+void sp_aim(const double *R_bl, const double *force_b, double sine, double cosine, double *thrust, double *angles);
 void sp_act_in_torso_axes(const double *action, const double *authority, int size, double trim,
                           const double *R_bl, const sp_robot *robot, double *vectoring, double *forces_l, double *offset,
                           sp_command *command);
