@@ -58,13 +58,13 @@ DATA = (
 MODEL = ("actuator_gear", "actuator_ctrlrange", "actuator_actrange", "actuator_dynprm", "actuator_biasprm",
          "actuator_forcerange", "dof_frictionloss", "dof_damping", "body_mass", "body_inertia", "body_ipos",
          "body_iquat", "geom_friction", "geom_pos", "geom_quat", "geom_size", "geom_rbound", "geom_aabb",
-         "geom_sameframe")  # fmt: skip
+         "geom_sameframe", "body_geomnum")  # fmt: skip
 """Arrays of the mjModel in the order of `sp_sim`, before its flags."""
 DERIVED = ("actuator_acc0", "body_invweight0", "body_subtreemass", "bvh_aabb", "cam_poscom0", "dof_M0",
            "dof_invweight0", "dof_length")  # fmt: skip
 """Arrays of the mjModel that MuJoCo derives from these."""
-SHAPES = ("geom_size", "geom_rbound", "geom_aabb")
-"""Arrays of the mjModel that boxes change besides their poses."""
+SHAPES = ("geom_size", "geom_rbound", "geom_aabb", "body_geomnum")
+"""Arrays of the mjModel that boxes change besides their poses; unused ones are no part of the world's body."""
 BOXED = tuple(name for name in MODEL if name != "actuator_forcerange") + DERIVED
 """Arrays of the mjModel that differ between robots; torque limits are written whenever a robot is loaded."""
 OWN = tuple(name for name in BOXED if name not in SHAPES)

@@ -204,3 +204,54 @@ def test_pictures_show_boxes():
 def test_an_invalid_box_is_refused(make, words):
     with pytest.raises(InvalidValueError, match=words):
         make()
+
+
+SLAB = (1.6, -0.3, 0.9, 0.5, 0.7, 0.05, -0.5)
+WALL = (-2.0, 0.0, 1.5, 0.2, 3.0, 1.5, 0.0)
+
+
+def test_the_clearance_is_at_most_the_distance_to_the_floor_and_to_each_box():
+    """MuJoCo measures the distances of the geoms."""
+    robot, rng = plant(SLAB, WALL, BEAM), np.random.default_rng(0)
+    model = robot.model
+    solid = [g for g in range(model.ngeom) if model.geom_contype[g] > 0]
+    parts = [g for g in range(model.ngeom) if model.geom_conaffinity[g] > 0]
+    far = []
+    for _ in range(40):
+        position, turn = rng.uniform([-1.0, -1.5, 0.5], [4.0, 1.5, 4.0]), rng.normal(size=4)
+        robot.reset(position, turn / np.linalg.norm(turn), rng.uniform(-1.0, 1.0, 16))
+        apart = min(
+            mujoco.mj_geomDistance(model, robot.data, one, two, 10.0, None)
+            for one in solid[: 1 + 3] for two in parts
+        )  # fmt: skip
+        assert robot.record["clearance"] <= max(apart, 0.0) + 1e-9
+        far.append((float(robot.record["clearance"]), apart))
+    bounds, true = np.array(far).T
+    assert (bounds[true > 1.0] > 0.5).all(), "the bound is no trivial one"
+    assert (true > 1.0).sum() > 5
+    assert (true < 0.0).any()
+
+
+@pytest.mark.parametrize(
+    ("box", "ahead"), [(BEAM, (0.1, 0.0, -1.0)), (SLAB, (0.4, 0.2, -0.9)), (WALL, (-1.0, 0.1, 0.1))],
+    ids=["beam", "slab", "wall"],
+)  # fmt: skip
+def test_skipping_the_detection_of_contacts_far_from_boxes_changes_nothing(box, ahead):
+    states, skipped = {}, 0
+    direction = np.array(ahead) / np.linalg.norm(ahead)
+    for looking in (False, True):
+        robot = plant(box)
+        for away in np.arange(0.5, 3.5, 0.2):
+            robot.reset(np.array(box[:3]) - away * direction, joint_position=LYING)
+            robot.data.qvel[:3] = 11.0 * direction
+            for _ in range(4):
+                if looking:
+                    robot.record["clearance"] = 0.0
+                robot.step(STILL)
+                skipped += robot.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) > 0
+                states.setdefault(looking, []).append(np.concatenate([robot.data.qpos, robot.data.qvel]))
+    np.testing.assert_array_equal(states[True], states[False])
+    speeds = np.array(states[True])[:, 39:42] @ direction
+    assert speeds.min() < 5.0, "some have met the box"
+    assert speeds.max() > 10.5, "some have not yet"
+    assert skipped > 5, "detection is skipped at least from the farthest starts"

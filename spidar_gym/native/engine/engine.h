@@ -42,7 +42,7 @@ typedef struct {
     double *actuator_forcerange, *dof_frictionloss, *dof_damping, *body_mass, *body_inertia, *body_ipos;
     double *body_iquat, *geom_friction, *geom_pos, *geom_quat, *geom_size, *geom_rbound, *geom_aabb;
     uint8_t *geom_sameframe;
-    int32_t *disableflags;
+    int32_t *body_geomnum, *disableflags;
     int64_t contact_stride, contact_geoms; /* bytes of an mjContact; offset of its two geoms in it */
     int64_t warning_bytes;
 } sp_sim;

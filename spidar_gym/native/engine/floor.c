@@ -7,9 +7,14 @@
 /* Whether a row of a configuration is a box. */
 static int is_box(const double *row) { return row[3] > 0.0 && row[4] > 0.0 && row[5] > 0.0; }
 
-/* Write the boxes of a configuration into a model that has boxes. */
+/* Write the boxes of a configuration into a model that has boxes. They are the last geoms of the world's body, which ends
+ * with the last one in use, so that MuJoCo does not compare the others with the robot in every step. */
 static void put_up_boxes(const sp_world *world, const sp_ground_config *c, const sp_sim *sim)
 {
+    int used = 0;
+    for (int k = 0; k < SP_BOXES; k++)
+        if (is_box(c->boxes + 7 * k)) used = k + 1;
+    if (world->box[0] >= 0) sim->body_geomnum[0] = world->box[0] + used;
     for (int k = 0; world->box[0] >= 0 && k < SP_BOXES; k++) {
         const double *row = c->boxes + 7 * k, *place = is_box(row) ? row : SP_NOWHERE;
         int32_t geom = world->box[k];
@@ -55,16 +60,47 @@ double sp_floor_height(const sp_ground_config *c, double x, double y)
     return c->tiles[SP_TILES * (int)i + (int)j];
 }
 
-/* Return a lower bound of the robot's height over the highest tile. */
+/* Return the distance from a point to a box of a configuration. */
+static double to_box(const double *row, const double *point)
+{
+    const double c = cos(row[6]), s = sin(row[6]), x = point[0] - row[0], z = point[2] - row[2];
+    const double place[3] = {c * x - s * z, point[1] - row[1], s * x + c * z};
+    double beyond[3];
+    for (int i = 0; i < 3; i++) beyond[i] = sp_max(fabs(place[i]) - row[3 + i], 0.0);
+    return sp_norm(beyond);
+}
+
+/* Return a lower bound of the robot's distance to the boxes: each of its geoms is in a sphere, all are in one round the
+ * torso. */
+static double beside_boxes(const sp_world *world, const sp_sim *sim, const double *boxes, double least)
+{
+    const double *centre = sim->xpos + 3 * world->torso;
+    double reach = 0.0, apart[3];
+    for (int k = 0; k < world->moving; k++) {
+        for (int i = 0; i < 3; i++) apart[i] = sim->geom_xpos[3 * world->geom[k] + i] - centre[i];
+        reach = sp_max(reach, sp_norm(apart) + world->geom_reach[k]);
+    }
+    for (int k = 0; k < SP_BOXES; k++) {
+        const double *row = boxes + 7 * k;
+        if (!is_box(row) || to_box(row, centre) - reach >= least) continue;
+        for (int j = 0; j < world->moving; j++) {
+            double distance = to_box(row, sim->geom_xpos + 3 * world->geom[j]) - world->geom_reach[j];
+            if (!(distance >= least)) least = distance;
+        }
+    }
+    return least;
+}
+
+/* Return a lower bound of the robot's height over the highest tile and of its distance to the boxes. */
 double sp_clearance(const sp_world *world, const sp_sim *sim, const sp_plant *plant)
 {
     double normal[3] = {plant->floor_R[2], plant->floor_R[5], plant->floor_R[8]}, least = HUGE_VAL;
-    if (world->box[0] >= 0) return 0.0; /* boxes are beside and above the robot, too */
     for (int k = 0; k < world->moving; k++) {
         double height = sp_dot(sim->geom_xpos + 3 * world->geom[k], normal) - world->geom_reach[k];
         if (!(height >= least)) least = height;
     }
-    return least - plant->highest_tile;
+    least -= plant->highest_tile;
+    return world->box[0] >= 0 ? beside_boxes(world, sim, plant->config.ground.boxes, least) : least;
 }
 
 /* Switch MuJoCo's contact detection on or off; with the floor far below the result is the same without it. */
