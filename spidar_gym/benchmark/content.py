@@ -110,8 +110,11 @@ def _check_arguments(arguments: Mapping[str, Any]) -> None:
         require_name("argument", name, ARGUMENTS)
         if isinstance(choice, str):
             check_line(name, choice, DOC)
+        elif name == "action_scale" and isinstance(choice, Mapping):
+            for part, number in choice.items():
+                _check_number(f"{name}'s {check_line('its part', part, DOC)}", number)
         elif not isinstance(choice, bool | int | float):
-            raise InvalidValueError(name, choice, "a word or a number")
+            raise InvalidValueError(name, choice, "a word or a number; for action_scale numbers by name")
 
 
 def _check_number(name: str, value: object) -> None:

@@ -16,6 +16,7 @@ from spidar_gym.cli.export import export_
 from spidar_gym.cli.paper import paper_app
 from spidar_gym.cli.run import run
 from spidar_gym.cli.sitl import sitl_app
+from spidar_gym.cli.suite import suite
 from spidar_gym.cli.view import view
 from spidar_gym.committed import artifact_patterns
 from spidar_gym.console import goes_on, kept, named_steps, progress, run_cli
@@ -23,6 +24,7 @@ from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, SCHEDULES
 from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES
 from spidar_gym.envs.docs import page
 from spidar_gym.envs.registry import ENVIRONMENTS, import_id
+from spidar_gym.envs.suite import SUITE
 from spidar_gym.errors import require_above
 from spidar_gym.files import json_text, output_folder
 from spidar_gym.policies.provenance import versions
@@ -38,6 +40,7 @@ app.command(paper_app, name="paper", help="Simulate the paper's flight and crawl
 app.command(run)
 app.command(name="eval")(eval_)
 app.command(board_app, name="leaderboard", help="Build and show the leaderboard, compare and verify its rows.")
+app.command(suite)
 app.command(scenarios)
 app.command(name="export")(export_)
 app.command(docs)
@@ -121,6 +124,8 @@ def list_(env_id: tyro.conf.Positional[str | None] = None) -> None:
         return
     for name, entry in ENVIRONMENTS.items():
         print(f"{name}: {entry.doc}")
+    for task in SUITE.values():
+        print(f"{task.id}: {task.doc}")
     print(f"ids that import spidar_gym automatically: {', '.join(map(import_id, ENVIRONMENTS))}")
     for title, names in (
         ("presets", PRESETS), ("form sequences", SEQUENCES), ("action modes", ACTION_MODES),

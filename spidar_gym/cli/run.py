@@ -25,6 +25,7 @@ from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.observations import OBSERVATIONS
 from spidar_gym.envs.registry import COURSE, Entry, environment
+from spidar_gym.envs.suite import SUITE, SUITE_IDS, SuiteTask
 from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.files import output_folder
 from spidar_gym.native.engine_structs import HEADINGS, PATHS
@@ -46,6 +47,7 @@ from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import TERRAINS
 from spidar_gym.sim.renderer import require_display
 from spidar_gym.sim.stage import FIXED, VIEWS
+from spidar_gym.tasks.course import DECIDE
 from spidar_gym.tasks.hover import SEQUENCES
 
 ModeArg = Annotated[str | None, choice({**ACTION_MODES, **CRAWL_MODES, **COURSE_MODES})]
@@ -130,7 +132,7 @@ def run(
 
 
     Args:
-        env_id: Environment.
+        env_id: Environment, or a task of the suite such as spidar_suite/Hover-v1, whose episodes are always its own.
         policy: module:Class, a learned policy's artifact, or with --trust a zip of Stable-Baselines3.
             The policy selects its controller.
         against: Second policy, evaluated on the same episodes; the video shows both side by side.
@@ -146,19 +148,18 @@ def run(
         out: Video file to write (.mp4).
         show: Show the episodes in a window, which requires a display.
     """
+    fixed = SUITE.get(SUITE_IDS.get(env_id, ""))
+    env_id = env_id if fixed is None else fixed.env_id
     entry = _check_run(env_id, episodes, seed, camera, seconds, out, show)
-    own: dict[str, Any] = {"hold": COURSE_HOLD} if env_id == COURSE else {}
-    period = own.get("hold", 1) / CONTROL_RATE
-    horizon = round((entry.seconds if seconds is None else seconds) / period)
     shared: dict[str, Any] = {
-        **own, "horizon_s": horizon * period, "max_episode_steps": horizon, "wake": wake, "sensors": sensors,
-        "randomization": randomization, "disturbances": disturbances,
-        "render_mode": "human" if show else None,
+        "wake": wake, "sensors": sensors, "disturbances": disturbances, "render_mode": "human" if show else None,
         **({} if robot is None else {"robot": RobotSpec.parse(robot)}),
+        **({"randomization": randomization} if fixed is None or randomization else {}),
     }  # fmt: skip
+    duration = seconds if seconds is not None else entry.seconds if fixed is None else fixed.seconds
     with ExitStack() as stack:
         players = [
-            _player(stack, env_id, spec, trust, task.given, shared)
+            _player(stack, env_id, fixed, spec, trust, task.given, shared, duration)
             for spec in ((policy,) if against is None else (policy, against))
         ]
         film = None
@@ -170,13 +171,12 @@ def run(
             takes = []
             for k, player in enumerate(players):
                 name = f"{player.name}, " if len(players) > 1 else ""
-                steps, take = _episode(
-                    player, seed + episode, f"{name}episode {episode + 1}", horizon, film is not None
-                )
+                steps, take = _episode(player, seed + episode, f"{name}episode {episode + 1}", film is not None)
                 last = steps[-1].info
                 finite = _is_finite(steps[-1].next_observation)
                 counts[k] += (not last["failure"], bool(last["is_success"]), bool(finite))
-                print(f"{name}episode {episode + 1} (seed {seed + episode}): {_summary(steps, period)}")
+                summary = _summary(steps, player.inner.hold / CONTROL_RATE)
+                print(f"{name}episode {episode + 1} (seed {seed + episode}): {summary}")
                 takes += [] if take is None else [take]
             if film is not None and takes:
                 film.shoot(*takes, frames=partial(progress, unit="frame", desc="video", leave=False))
@@ -208,17 +208,36 @@ class _Player:
 
 
 def _player(
-    stack: ExitStack, env_id: str, spec: str | None, trust: bool, given: dict[str, Any], shared: dict[str, Any]
+    stack: ExitStack, env_id: str, fixed: SuiteTask | None, spec: str | None, trust: bool, given: dict[str, Any],
+    shared: dict[str, Any], seconds: float,
 ) -> _Player:  # fmt: skip
-    """Build a policy, or the controller alone, with its environment, which the stack closes."""
+    """Build a policy, or the controller alone, with its environment, which the stack closes.
+
+    Args:
+        stack: Closes the environment.
+        env_id: Environment.
+        fixed: Task of the suite, whose arguments hold where no others are given.
+        spec: The policy.
+        trust: Whether it may be a zip.
+        given: The user's arguments of the task.
+        shared: Arguments that all players share.
+        seconds: Length of an episode [s].
+    """
     if trust and spec is not None and spec.endswith(ZIP):
         print(f"spidar: warning: {spec} is trusted: any code in it is run", file=sys.__stderr__)
     policy = None if spec is None else load_policy(spec, trust=trust)
     if "task" in given:
         load_module(split_name("task", given["task"])[0])  # from the working folder
-    if env_id == COURSE and policy is None:  # zero residuals follow the rule
-        given = {"action_mode": "residual", **given}
-    env = gymnasium.make(env_id, **given, **chosen_arguments(policy, spec, env_id, given), **shared)
+    own: dict[str, Any] = {}
+    if fixed is None and env_id == COURSE:
+        own = {"hold": COURSE_HOLD}
+        if policy is None:  # zero residuals follow the rule
+            given = {"action_mode": "residual", **given}
+    chosen = chosen_arguments(policy, spec, env_id, given)
+    arguments = {**own, **({} if fixed is None else fixed.options_of(chosen)), **given, **chosen, **shared}
+    period = arguments.get("hold", DECIDE if env_id == COURSE else 1) / CONTROL_RATE
+    horizon = round(seconds / period)
+    env = gymnasium.make(env_id, **{**arguments, "horizon_s": horizon * period, "max_episode_steps": horizon})
     stack.callback(env.close)
     if policy is not None:
         require_robot(policy, env_id, shared.get("robot", ROBOT))
@@ -228,16 +247,16 @@ def _player(
     return _Player(name if policy is None else policy_name(policy), env, actor)
 
 
-def _episode(player: _Player, seed: int, label: str, horizon: int, filmed: bool) -> tuple[list[Step], viz.Take | None]:
+def _episode(player: _Player, seed: int, label: str, filmed: bool) -> tuple[list[Step], viz.Take | None]:
     """Run one episode and, if it is filmed, collect its take."""
     inner = player.inner
     steps = rollout(player.env, player.actor, seed=seed)
     played: list[Step] = []
     seen: list[tuple[np.ndarray, str, np.ndarray | None]] = []
     # A crawl ends at its goal. The bar has the planned length and grows tick by tick when the crawl is slower.
-    planned = horizon
+    planned = inner.horizon
     if isinstance(inner, CrawlEnv):
-        planned = min(horizon, round(inner.progress.nominal_time * CONTROL_RATE))
+        planned = min(planned, round(inner.progress.nominal_time * CONTROL_RATE / inner.hold))
     with progress(total=planned, unit="tick", desc=label, leave=False) as bar:
         for step in steps:
             played.append(step)

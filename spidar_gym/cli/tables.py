@@ -13,6 +13,8 @@ from spidar_gym.benchmark.held_out_table import condition_lines, held_out_lines,
 from spidar_gym.benchmark.leaderboard import FRONT, ranked, tabulate
 from spidar_gym.benchmark.leaderboard_tables import first_lines, order_lines, part_cell, result_on, track_lines
 from spidar_gym.benchmark.row import BASES, read_row, read_rows
+from spidar_gym.benchmark.suite_results import RESULTS as SUITE_RESULTS
+from spidar_gym.benchmark.suite_results import read_results, suite_lines, task_lines, variant_lines
 from spidar_gym.benchmark.track import CALIBRATED, FLIGHT, TRACKS, WORLD
 from spidar_gym.cli.bench import effect_lines, engine_lines
 from spidar_gym.cli.cards import card_lines, method_lines
@@ -141,6 +143,9 @@ COMPUTED: dict[str, Callable[..., Lines]] = {
     "margins": _margins,
     "methods": method_lines,
     "orders": _orders,
+    "suite": lambda root: suite_lines(read_results(SUITE_RESULTS)),
+    "suite-tasks": lambda root: task_lines(),
+    "suite-variants": lambda root, task: variant_lines(read_results(SUITE_RESULTS), task),
     "summary": _summary,
     "world": lambda root, name: world_lines(find_world(name)),
     "tracks": lambda root: [["track", "what it tests"], *([f"`{name}`", t.doc] for name, t in TRACKS.items())],

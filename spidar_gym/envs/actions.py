@@ -140,22 +140,19 @@ class TorsoScale:
         require_within(0.0, 2.0, "1", trim=self.trim)
 
     @classmethod
-    def parse(cls, given: object, trim: float, mode: str) -> "TorsoScale":
+    def parse(cls, given: object, trim: float) -> "TorsoScale":
         """Return a scale from a `TorsoScale`, its numbers by name, or None for the default.
 
         Args:
             given: The scale.
             trim: Its default `trim`.
-            mode: Name of the action mode.
 
         Raises:
             UnknownNameError: For a number that does not exist; it lists the valid ones.
-            InvalidValueError: For a value out of range, and a scale of another mode.
+            InvalidValueError: For a value out of range.
         """
         if given is None:
             return cls(trim=trim)
-        if mode != TORSO:
-            raise InvalidValueError("action_scale", given, f"none with {mode}: it belongs to {TORSO}")
         if isinstance(given, cls):
             return given
         if not isinstance(given, Mapping):
@@ -193,6 +190,8 @@ class ActionMode:
     """Description of the mode."""
     scale: TorsoScale | None = None
     """Zero and scale of an action in torso axes; None for other modes."""
+    share: float = 1.0
+    """Share of the authority of its channels that an action of 1 has."""
 
     @property
     def size(self) -> int:
@@ -276,6 +275,43 @@ def find_action_mode(name: str, modes: Mapping[str, ActionMode] = ACTION_MODES) 
     """Return a mode by name (`UnknownNameError` lists the valid ones)."""
     require_name("action mode", name, modes)
     return modes[name]
+
+
+def scaled_action_mode(
+    name: str, given: object, trim: float,
+    modes: Callable[[RobotSpec, TorsoScale], Mapping[str, ActionMode]], robot: RobotSpec = ROBOT,
+) -> ActionMode:  # fmt: skip
+    """Return a mode by name with a scale of its actions.
+
+    Args:
+        name: Name of the mode.
+        given: For `torso_forces` its zero and scale; for a residual `{"share": s}`, s within 0.001 … 1 of the channels'
+            authority; None for the default.
+        trim: Share of the weight that the rotors bear at a zero action in torso axes, by default.
+        modes: Function of a robot and a scale that returns the modes of an environment.
+        robot: The described robot.
+
+    Raises:
+        UnknownNameError: For a mode or a number that does not exist; it lists the valid ones.
+        InvalidValueError: For a value out of range, and a scale of a mode that has none.
+    """
+    if name == TORSO:
+        return find_action_mode(name, modes(robot, TorsoScale.parse(given, trim)))
+    mode = find_action_mode(name, modes(robot, TorsoScale(trim=trim)))
+    if given is None:
+        return mode
+    if mode.residual is None:
+        raise InvalidValueError("action_scale", given, f"none with {name}: it belongs to {TORSO} and to residuals")
+    if not (isinstance(given, Mapping) and [*given] == ["share"]):
+        raise InvalidValueError("action_scale", given, f'{{"share": number}} with {name}')
+    require_within(1e-3, 1.0, "of the authority", share=given["share"])
+    share = float(given["share"])
+    channels = tuple(replace(each, authority=f"{share:g} × ({each.authority})") for each in mode.channels)
+    return replace(mode, channels=channels, residual=partial(_shared, mode.residual, share), share=share)
+
+
+def _shared(residual: Callable[[np.ndarray], Residual], share: float, action: np.ndarray) -> Residual:
+    return residual(share * action)
 
 
 def _turned(angles: np.ndarray, wanted: np.ndarray) -> np.ndarray:

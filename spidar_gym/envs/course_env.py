@@ -15,7 +15,7 @@ from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig
 from spidar_gym.control.presets import controller_config, crawler_config, for_robot
-from spidar_gym.envs.actions import FLOOR, TorsoScale, course_modes, find_action_mode
+from spidar_gym.envs.actions import FLOOR, TorsoScale, course_modes, scaled_action_mode
 from spidar_gym.envs.commander import CourseCommander
 from spidar_gym.envs.controllers import CONTROLS, make_manager
 from spidar_gym.envs.env import SpidarEnv
@@ -65,7 +65,8 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
 
         Args:
             action_mode: Name of the action mode.
-            action_scale: Zero and scale of `torso_forces`: `{"force": N, "joint": rad, "trim": share of weight}`, by
+            action_scale: Share of a residual's authority, `{"share": 0.001 … 1}`; or zero and scale of
+                `torso_forces`: `{"force": N, "joint": rad, "trim": share of weight}`, by
                 default 3 N, 0.1 rad, 0.
             preset: Name of the flight controller.
             gait: Name of the crawler.
@@ -85,8 +86,7 @@ class CourseEnv(SpidarEnv[CourseTask, CoreManager, CourseProgress]):
             options["course"] = parse_course(options["course"])
         described = described_robot(options)
         task, shared = make_task(SpidarEnv, CourseEnv, self.task_type, options)
-        scale = TorsoScale.parse(action_scale, FLOOR, action_mode)
-        mode = find_action_mode(action_mode, course_modes(described, scale))
+        mode = scaled_action_mode(action_mode, action_scale, FLOOR, course_modes, described)
         self._is_waypoint = action_mode == "waypoint"
         if hold is None:
             hold = DECIDE if self._is_waypoint else 1

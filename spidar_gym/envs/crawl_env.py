@@ -15,7 +15,7 @@ from spidar_gym.control.crawl.phases import PHASES
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.interface import CrawlControl
 from spidar_gym.control.presets import crawler_config, for_robot
-from spidar_gym.envs.actions import FLOOR, TorsoScale, crawl_modes, find_action_mode
+from spidar_gym.envs.actions import FLOOR, TorsoScale, crawl_modes, scaled_action_mode
 from spidar_gym.envs.commander import CrawlCommander
 from spidar_gym.envs.controllers import choose_crawl_control, gait_type, make_crawler
 from spidar_gym.envs.env import SpidarEnv
@@ -59,7 +59,8 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
 
         Args:
             action_mode: Name of the action mode.
-            action_scale: Zero and scale of `torso_forces`: `{"force": N, "joint": rad, "trim": share of weight}`, by
+            action_scale: Share of a residual's authority, `{"share": 0.001 … 1}`; or zero and scale of
+                `torso_forces`: `{"force": N, "joint": rad, "trim": share of weight}`, by
                 default 3 N, 0.1 rad, 0.
             preset: Name of the crawler: gait, allocation, margins.
             controller: Custom configuration of the crawler in place of a preset; the task's joint speed overrides its
@@ -80,8 +81,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
         shared["randomization"] = randomization = Randomization.parse(shared.get("randomization", 0.0))
         if randomization.world and not task.steps:
             task = replace(task, steps=randomization.world.floor_steps)
-        scale = TorsoScale.parse(action_scale, FLOOR, action_mode)
-        mode = find_action_mode(action_mode, crawl_modes(described, scale))
+        mode = scaled_action_mode(action_mode, action_scale, FLOOR, crawl_modes, described)
         config = crawler_config(preset, task.schedule, described) if controller is None else controller
         require_instance(CrawlerConfig, controller=config)
         if config.gait.robot != described:

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import gymnasium
+
 from spidar_gym.control.course.observation import course_layout
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.flight.controller import CONTROL_RATE
@@ -21,6 +23,7 @@ from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.observations import MOST, OBSERVATIONS, privileged_layout
 from spidar_gym.envs.path_env import PathEnv
 from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
+from spidar_gym.envs.suite import CLASSICAL, LAZY, SUITE, SUITE_IDS, M, SuiteTask, read_anchors
 from spidar_gym.robot import field_docs, source_doc
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import Disturbances
@@ -261,7 +264,9 @@ def _other_observations(own: Chapter) -> Iterator[str]:
 
 
 def page(name: str) -> str:
-    """Return the Markdown page of an environment; `spidar list ENV_ID` prints it, `spidar assets` writes it."""
+    """Return the Markdown page of an environment or of a task of the suite; `spidar list ENV_ID` prints it."""
+    if name in SUITE_IDS:
+        return suite_page(SUITE_IDS[name])
     entry = environment(name)
     own = CHAPTERS[name]
     task = own.task
@@ -359,7 +364,8 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "allocator": "custom subclass of `Allocator` in place of the QP",
         "law": f"custom subclass of `{own.law}` in place of the paper's",
         "control": "`core`, the controller that is compiled for the robot, or `python`, the Python controller",
-        "action_scale": 'zero and scale of `torso_forces`: `{"force": N, "joint": rad, "trim": share of the weight}`, '
+        "action_scale": 'share of a residual\'s authority, `{"share": 0.2}`; or zero and scale of `torso_forces`: '
+        '`{"force": N, "joint": rad, "trim": share of the weight}`, '
         f"by default 3, 0.1 and {_trim(own):g}; with `joint` 0 the action has no entries for joints",
         "hold": "control periods of 25 ms per step, through which an action is held"
         + ("; by default 20 with `waypoint`, 1 with the others" if own.env is CourseEnv else ""),
@@ -400,9 +406,60 @@ def _names(own: Chapter) -> str:
     return ", ".join(f"`{name}`" for name in (*inspect.signature(own.task).parameters, "randomization", "task"))
 
 
+def _scale_lines(own: SuiteTask) -> list[tuple[str, ...]]:
+    """Return a line for each policy that anchors the scale: its results, and the terms of its return."""
+    lines = []
+    for policy, found in read_anchors()[own.name].items():
+        words = f"`{own.classical}`" if policy == CLASSICAL else f"{policy} action" if policy == LAZY[0] else policy
+        numbers = found["return"], float(own.normalised(found["return"])), *found["terms"].values()
+        lines.append((words, *(f"{number:.3g}" for number in numbers), f"{found['success']:.0%}",
+                      f"{found['duration_s']:.1f} s"))  # fmt: skip
+    return lines
+
+
+def suite_page(name: str) -> str:
+    """Return the Markdown page of a task of the suite; `spidar list SUITE_ID` prints it."""
+    own, env = SUITE[name], gymnasium.make(SUITE[name].id).unwrapped
+    assert isinstance(env, SpidarEnv)
+    base = f"[{own.base}-v0](../environments/{own.base}-v0.md)"
+    mode = own.options.get("action_mode", "waypoint")
+    options = ",\n".join(f"    {key}={value!r}" for key, value in own.options.items())
+    budgets = ", ".join(f"{algorithm} {ticks / M:g} M" for algorithm, ticks in own.budgets.items())
+    terms = env.task.reward_terms
+    blocks = [
+        f"# {own.id}",
+        f"{own.doc[0].upper()}{own.doc[1:]}.",
+        f'`import spidar_gym`, then `gymnasium.make("{own.id}")`, which is',
+        f'```python\ngymnasium.make(\n    "{own.env_id}",\n{options},\n)\n```',
+        f"One step is {own.hold * 1000 / CONTROL_RATE:g} ms, an episode {own.seconds:g} s. All else is on the page of "
+        f"{base}.",
+        f"- **Success**: {own.success}.",
+        f"- **Budget** of training [control ticks, summed over all robots]: {budgets}; other algorithms as ppo. "
+        f"`python -m train.standard {name} ppo --seed 0` trains, "
+        f"`spidar suite {name} --policy POLICY` evaluates on 100 episodes with fixed seeds.",
+        f"- **Scale** of the returns: {own.anchors[0]:.4g} is 0, the better of zero action and random policy; "
+        f"{own.anchors[1]:.4g} is 1, the best classical controller. `spidar suite {name} --check` plays them again.",
+        "## Action Space",
+        f"`Box(-1, 1, ({env.action_mode.size},), float32)`, `{mode}`:",
+        markdown_rows("action_mode | n | entries | −1 … 1 is scaled to", _action_rows({mode: env.action_mode})),
+        "## Observation Space",
+        f"`Box(-bound / scale, bound / scale, ({sum(f.size for f in env.layout)},), float32)`:",
+        markdown_rows("entries | name | bound ± | scale | unit | meaning", _observation_rows(env.layout, scaled=True)),
+        "## Rewards",
+        _reward_table(type(env.task)),
+        "Mean return of 100 episodes, on the scale, and what each term brings:",
+        markdown_rows(" | ".join(["policy", "return", "scaled", *terms, "success", "length"]), _scale_lines(own)),
+        "## Episode End",
+        "Terminated with `info['failure']`:",
+        "\n".join(f"- `{word}`: {meaning}." for word, meaning in env.task.failures.items()),
+    ]
+    env.close()
+    return "\n\n".join(blocks) + "\n"
+
+
 def pages() -> dict[str, str]:
     """Return the guide's page of each environment, with its picture, by path relative to docs/."""
-    found = {}
+    found = {f"suite/{name}.md": suite_page(name) for name in SUITE}
     for name in ENVIRONMENTS:
         short = name.split("/")[1]
         picture = f"![{name} from each camera](../pictures/environment-{short}.png)\n\n## Description\n"

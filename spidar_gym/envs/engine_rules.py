@@ -36,7 +36,7 @@ def action_mode(mode: ActionMode, robot: RobotSpec) -> np.ndarray:
         known = mode.scale.authorities
     if known:
         authority = [np.broadcast_to(known[each.name], each.size) for each in mode.channels]
-        record["authority"][: mode.size] = np.concatenate(authority)
+        record["authority"][: mode.size] = mode.share * np.concatenate(authority)
     return record
 
 

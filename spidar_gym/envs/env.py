@@ -236,6 +236,11 @@ class SpidarEnv(
         return self._known("seen" if self._nominal.sense else "state")
 
     @property
+    def action_mode(self) -> ActionMode:
+        """Meaning of an action."""
+        return self._mode
+
+    @property
     def is_drawn(self) -> bool:
         """Whether robots are randomised."""
         return self._randomization.draws

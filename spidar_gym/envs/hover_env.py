@@ -13,7 +13,7 @@ from spidar_gym.control.flight.observation import Field, layout
 from spidar_gym.control.flight.path import Path
 from spidar_gym.control.interface import FlightControl
 from spidar_gym.control.presets import controller_config, for_robot
-from spidar_gym.envs.actions import AIR, TorsoScale, action_modes, find_action_mode
+from spidar_gym.envs.actions import AIR, TorsoScale, action_modes, scaled_action_mode
 from spidar_gym.envs.commander import FlightCommander, compute_trim
 from spidar_gym.envs.controllers import choose_control, make_flight_controller
 from spidar_gym.envs.env import SpidarEnv
@@ -62,7 +62,8 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
 
         Args:
             action_mode: Name of the action mode.
-            action_scale: Zero and scale of `torso_forces`: `{"force": N, "joint": rad, "trim": share of weight}`, by
+            action_scale: Share of a residual's authority, `{"share": 0.001 … 1}`; or zero and scale of
+                `torso_forces`: `{"force": N, "joint": rad, "trim": share of weight}`, by
                 default 3 N, 0.1 rad, 1.
             preset: Name of the controller: allocation, gains, compensations.
             controller: Custom configuration in place of a preset's; its joint speed is the task's.
@@ -83,7 +84,7 @@ class HoverEnv(SpidarEnv[HoverTask, FlightControl, FlightProgress]):
         known = {} if robot == ROBOT else {"joint_speed": robot.joint_speed, "altitude": hover_height(robot)}
         task, shared = make_task(SpidarEnv, HoverEnv, self.task_type, options, known)
         joint_speed = task.joint_speed
-        mode = find_action_mode(action_mode, action_modes(robot, TorsoScale.parse(action_scale, AIR, action_mode)))
+        mode = scaled_action_mode(action_mode, action_scale, AIR, action_modes, robot)
         base = controller_config(preset, robot) if controller is None else controller
         require_instance(ControllerConfig, controller=base)
         if controller is not None and robot != ROBOT:

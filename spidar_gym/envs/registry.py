@@ -1,11 +1,13 @@
 """Registry of the environments by id; entry points are strings, so that every specification can be stored in JSON."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import gymnasium
 from gymnasium.envs.registration import WrapperSpec
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.envs.suite import SUITE
 from spidar_gym.errors import require_name
 
 
@@ -85,6 +87,10 @@ def register() -> None:
     for name, entry in ENVIRONMENTS.items():
         if name not in gymnasium.registry:
             _register(name, entry, {})
+    for task in SUITE.values():
+        if task.id not in gymnasium.registry:
+            steps = round(task.seconds * CONTROL_RATE / task.hold)
+            _register(task.id, replace(environment(task.env_id), horizon=steps), task.options)
 
 
 def register_task(name: str, base: str, task: object, **options: object) -> None:
@@ -102,14 +108,14 @@ def register_task(name: str, base: str, task: object, **options: object) -> None
     _register(name, environment(base), {"task": task, **options})
 
 
-def _register(name: str, entry: Entry, arguments: dict[str, object]) -> None:
+def _register(name: str, entry: Entry, arguments: Mapping[str, object]) -> None:
     gymnasium.register(
         id=name,
         entry_point=entry.entry_point,
         max_episode_steps=RegisteredSteps(entry.horizon),
         additional_wrappers=OnlyOfOne((HORIZON,)),
         vector_entry_point=entry.vector_entry_point,
-        kwargs=arguments,
+        kwargs=dict(arguments),
     )
 
 

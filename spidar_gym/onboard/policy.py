@@ -2,6 +2,7 @@
 
 import inspect
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import layout
 from spidar_gym.envs import actions
-from spidar_gym.envs.actions import ActionMode, TorsoScale
+from spidar_gym.envs.actions import ActionMode, scaled_action_mode
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import CRAWL, HOVER
@@ -62,7 +63,8 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
     require_name("environment of a residual", artifact.env_id, ENVIRONMENTS)
     kind, alone, env, modes, trim, fields = ENVIRONMENTS[artifact.env_id]
     name, given = str(_argument(artifact, env, "action_mode")), _argument(artifact, env, "action_scale")
-    mode = _mode(artifact, name, modes(ROBOT, TorsoScale.parse(given, trim, name)))
+    mode = scaled_action_mode(name, given, trim, modes)
+    _require_known(artifact, name, mode, modes(ROBOT))
     bound = np.concatenate([np.full(field.size, field.bound) for field in fields(mode.size)])
     gain = np.concatenate([np.full(field.size, 1.0 / field.scale) for field in fields(mode.size)])
     sizes = (len(artifact.mean), *(len(bias) for bias in artifact.biases))
@@ -90,7 +92,8 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
         "BOUND": bound,
         "WASHOUT": share if len(share) else np.zeros(mode.size),
         "GAIN": gain if words["SCALED"] else np.zeros(1),
-        "AUTHORITY": np.concatenate(
+        "AUTHORITY": mode.share
+        * np.concatenate(
             [np.broadcast_to(known[each.name], each.size) for each in mode.channels if known] or [np.zeros(1)]
         ),
         "WEIGHTS": network.numbers,
@@ -112,9 +115,8 @@ def _argument(artifact: Artifact, env: type, name: str) -> object:
     return artifact.arguments.get(name, inspect.signature(env).parameters[name].default)
 
 
-def _mode(artifact: Artifact, name: str, modes: dict[str, ActionMode]) -> ActionMode:
-    """Return the action mode if the core supports it: not `direct` on the floor, no washout without a controller."""
-    mode = actions.find_action_mode(name, modes)
+def _require_known(artifact: Artifact, name: str, mode: ActionMode, modes: Mapping[str, ActionMode]) -> None:
+    """Require an action mode that the core supports: not `direct` on the floor, no washout without a controller."""
     if mode.residual is None and mode.scale is None and artifact.env_id != HOVER:
         adding = ", ".join(n for n, m in modes.items() if m.residual is not None)
         raise InvalidValueError(
@@ -122,7 +124,6 @@ def _mode(artifact: Artifact, name: str, modes: dict[str, ActionMode]) -> Action
         )
     if mode.residual is None and artifact.washout.any():
         raise InvalidValueError(f"washout of {artifact.name}", "given", "none without a controller")
-    return mode
 
 
 def _held(artifact: Artifact, mode: ActionMode) -> dict[str, object]:

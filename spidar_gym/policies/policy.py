@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 
 from spidar_gym.envs.registry import ENVIRONMENTS
-from spidar_gym.errors import InvalidValueError, shown
+from spidar_gym.errors import InvalidValueError, require_name, shown
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.provenance import file_digest
 from spidar_gym.policies.source import PolicyError
@@ -27,7 +27,10 @@ NAME, DOC, LINE = 64, 200, 4000
 """Length limits of a name, of a policy's description and of any other line of text, in characters."""
 READABLE = ("allocator", "law")
 """Arguments that are custom code, which only the Python controllers call."""
-ARGUMENTS = ("action_mode", "preset", "gait", "controller", *READABLE, "schedule", "avoid_interference", "max_iter")
+ARGUMENTS = (
+    "action_mode", "action_scale", "hold", "observation", "preset", "gait", "controller", *READABLE, "schedule",
+    "avoid_interference", "max_iter",
+)  # fmt: skip
 """Arguments of the environment that a policy may set; the others are the track's."""
 
 
@@ -127,6 +130,8 @@ def policy_arguments(policy: Policy, env_id: str) -> dict[str, Any] | None:
     for name in chosen or {}:
         if name not in ARGUMENTS:
             raise InvalidValueError("arguments", name, "those that a policy may choose: " + ", ".join(ARGUMENTS))
+    if chosen is not None and "observation" in chosen:
+        require_name("observation of a policy", str(chosen["observation"]), ("vector", "scaled"))
     return None if chosen is None else dict(chosen)
 
 

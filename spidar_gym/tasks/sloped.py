@@ -33,12 +33,12 @@ PER_WH = 1.0
 ARRIVAL = {"arrival_position": (1e-3, 1.0, "m"), "arrival_yaw": (1e-3, 3.2, "rad")}
 """Least and largest value of each argument, and its unit."""
 _FLIGHT: Mapping[str, tuple[float, str]] = {
-    "position": (0.2, f"1 / (1 + ‖position error‖ / {WIDE_POSITION:g} m)"),
-    "attitude": (0.2, f"1 / (1 + ‖attitude error‖ / {WIDE_ATTITUDE:g} rad)"),
+    "position": (0.25, f"1 / (1 + ‖position error‖ / {WIDE_POSITION:g} m)"),
+    "attitude": (0.15, f"1 / (1 + ‖attitude error‖ / {WIDE_ATTITUDE:g} rad)"),
     "velocity": (0.1, f"1 / (1 + ‖velocity error‖ / {WIDE_VELOCITY:g} m/s)"),
     "turning": (0.1, f"1 / (1 + ‖angular velocity error‖ / {WIDE_TURNING:g} rad/s)"),
-    "still": (0.15, f"1 / (1 + (‖position error‖ / {NARROW_POSITION:g} m)²)"),
-    "level": (0.15, f"1 / (1 + (‖attitude error‖ / {NARROW_ATTITUDE:g} rad)²)"),
+    "still": (0.2, f"1 / (1 + (‖position error‖ / {NARROW_POSITION:g} m)²)"),
+    "level": (0.1, f"1 / (1 + (‖attitude error‖ / {NARROW_ATTITUDE:g} rad)²)"),
     "action": (0.1, "1 − mean a²"),
 }
 _MEMORY = (("share", "f8", ()), ("gained", "f8", ()), ("energy_wh", "f8", ()), ("spent_wh", "f8", ()))

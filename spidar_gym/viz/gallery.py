@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 
 from spidar_gym.benchmark.scenario import load_scenarios, make_env, reset_options
+from spidar_gym.benchmark.suite_results import RESULTS, read_results
 from spidar_gym.benchmark.track import TRACKS
 from spidar_gym.control.course.gates import Course, Gate
 from spidar_gym.control.crawl.pose2 import Pose2
@@ -37,6 +38,7 @@ from spidar_gym.viz.figures import (
 from spidar_gym.viz.film import Take, crawl_take, flight_take
 from spidar_gym.viz.reel import Cut, write_reel
 from spidar_gym.viz.stills import Shot, crawl_strip, forms_picture, strip, write_strip
+from spidar_gym.viz.suite import suite_figure
 
 SIZE = 480, 340
 """Size of one shot of a strip [px]."""
@@ -74,6 +76,7 @@ def gallery() -> dict[str, Callable[[Path], object]]:
         "energy": lambda path: energy_figure(_rows(path, "energy"), path),
         "frontier": lambda path: frontier_figure(_rows(path, "frontier"), path),
         "course": course_way,
+        "suite": lambda path: suite_figure(read_results(RESULTS), path),
     }
     drawings |= {f"environment-{name.split('/')[1]}": partial(cameras, name) for name in ENVIRONMENTS}
     drawings["environment-Course-v0"] = course_strip

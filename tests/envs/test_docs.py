@@ -14,6 +14,7 @@ import pytest
 from spidar_gym.envs.docs import CHAPTERS, page, pages
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.registry import ENVIRONMENTS, import_id
+from spidar_gym.envs.suite import SUITE
 from spidar_gym.errors import UnknownNameError
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.disturbances import Disturbances
@@ -186,11 +187,33 @@ def test_every_word_of_failure_and_the_horizon_are_documented(name):
     assert f"after {gymnasium.spec(name).max_episode_steps} steps" in text
 
 
-def test_every_page_of_the_guide_has_its_picture():
-    assert len(pages()) == len(ENVIRONMENTS)
-    for path, text in pages().items():
+def test_every_page_of_an_environment_has_its_picture():
+    own = {path: text for path, text in pages().items() if path.startswith("environments/")}
+    assert len(own) == len(ENVIRONMENTS)
+    for path, text in own.items():
         (picture,) = re.findall(r"^!\[.*\]\((.*)\)$", text, re.MULTILINE)
         assert ((DOCS / path).parent / picture).is_file()
+
+
+@pytest.mark.parametrize("name", SUITE)
+def test_the_page_of_a_task_of_the_suite_is_that_of_its_spaces_and_makes_the_same_environment(name):
+    text, task = page(SUITE[name].id), SUITE[name]
+    assert pages()[f"suite/{name}.md"] == text
+    env = gymnasium.make(task.id)
+    sizes = {int(size) for size in re.findall(r"`Box\(.*?\((\d+),\), float32\)`", text)}
+    assert sizes == {env.action_space.shape[0], env.observation_space.shape[0]}
+    code = re.search(r"```python\n(.*?)```", text, re.DOTALL).group(1)
+    same = eval(code, {"gymnasium": gymnasium})
+    assert same.unwrapped.horizon == env.unwrapped.horizon
+    for one in (same, env):
+        one.reset(seed=4)
+    action = np.full(env.action_space.shape, 0.1, np.float32)
+    for _ in range(3):
+        ours, theirs = env.step(action), same.step(action)
+        assert ours[0].tobytes() == theirs[0].tobytes()
+        assert ours[1] == theirs[1]
+    for term in env.unwrapped.reward_terms:
+        assert f"| `{term}` |" in text
 
 
 def test_an_unknown_environment_has_no_page():

@@ -111,7 +111,9 @@ def test_without_authority_over_joints_the_action_has_no_entries_for_them():
         ({"force": 0.0}, TORSO, InvalidValueError), ({"force": np.nan}, TORSO, InvalidValueError),
         ({"joint": -0.1}, TORSO, InvalidValueError), ({"trim": 3.0}, TORSO, InvalidValueError),
         ({"torque": 1.0}, TORSO, UnknownNameError),
-        ({"force": 1.0}, "direct", InvalidValueError),
+        ({"force": 1.0}, "direct", InvalidValueError), ({"share": 0.5}, "direct", InvalidValueError),
+        ({"share": 0.0}, "residual", InvalidValueError), ({"share": 1.5}, "residual", InvalidValueError),
+        ({"force": 1.0}, "residual", InvalidValueError), ({"share": 0.5}, TORSO, UnknownNameError),
     ],
 )  # fmt: skip
 def test_a_scale_that_is_not_valid_is_refused_in_one_line(scale, mode, error):

@@ -22,7 +22,8 @@ CLOSED = "^this environment is closed; valid: a new one$"
 CONFIGURED = {
     "close", "is_closed", "closed", "turn", "unwrapped", "has_wrapper_attr", "get_wrapper_attr", "set_wrapper_attr",
     "np_random", "np_random_seed", "spec", "horizon", "reset_arguments", "rules", "layout_of", "judge", "tell",
-    "robots", "buffers", "close_extras", "is_drawn", "make_fleet", "randomization", "sampled", "variant", "is_over",
+    "robots", "buffers", "close_extras", "is_drawn", "action_mode", "make_fleet", "randomization",
+    "sampled", "variant", "is_over",
 }  # fmt: skip
 """Attributes that a closed environment still has: its configuration, and Gymnasium's bookkeeping."""
 ARGUMENTS = {

@@ -493,3 +493,7 @@ def test_every_mode_that_adds_to_a_controller_means_the_same_onboard(core):
             untouched = Struct("residual")
             fill(untouched.record, Residual())
             assert apart(residual, untouched.record) > 0.1
+            core(replace(net, arguments={**net.arguments, "action_scale": {"share": 0.5}}), 1000.0)
+            learned = Learned(env, beside(env))
+            learned.look()
+            assert apart(learned.act().record, residual_of(net, 0.5 * bias.astype(float)).record) == 0.0, mode

@@ -18,16 +18,16 @@ from spidar_gym.state import RobotState
 def crawl_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
     """Return the fields of the observation in order; the length depends on the size of the action."""
     return (
-        Field("goal_position", 2, 5.0, "m", "goal − torso along its heading and to its left", scale=0.3),
-        Field("goal_heading", 2, 1.0, "", "sine and cosine of the heading still to turn"),
+        Field("goal_position", 2, 5.0, "m", "goal − torso along its heading and to its left", scale=0.15),
+        Field("goal_heading", 2, 1.0, "", "sine and cosine of the heading still to turn", scale=0.3),
         Field("up", 3, 1.0, "", "vertical, torso axes", scale=0.3),
-        Field("height", 1, 2.0, "m", "of the torso above its lying position", scale=0.1),
+        Field("height", 1, 2.0, "m", "of the torso above its lying position", scale=0.03),
         Field("velocity", 3, 5.0, "m/s", "of the torso, torso axes", scale=0.1),
         Field("angular_velocity", 3, 10.0, "rad/s", "torso axes", scale=0.3),
-        Field("joint_position", N_JOINTS, 2.0, "rad", "q"),
+        Field("joint_position", N_JOINTS, 2.0, "rad", "q", scale=0.3),
         Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇", scale=0.5),
         Field("joint_torque", N_JOINTS, 10.0, "Nm", "of the joint servos", scale=5.0),
-        Field("joint_plan_error", N_JOINTS, 2.0, "rad", "planned joint angles − q", scale=0.1),
+        Field("joint_plan_error", N_JOINTS, 2.0, "rad", "planned joint angles − q", scale=0.05),
         Field(
             "joint_way", N_JOINTS, 4.0, "rad", "target of this phase or of the torso − planned joint angles", scale=0.5
         ),
