@@ -93,6 +93,29 @@ def test_the_classical_controller_is_one_and_doing_nothing_zero_on_the_committed
     assert max(task.normalised(play(name, policies[lazy], 4).returns.mean()) for lazy in LAZY) < 0.05
 
 
+class Away(OwnController):
+    """Pushes away from where the robot should be: `field` is the way there, torso axes."""
+
+    name = "away"
+
+    def __init__(self, where):
+        super().__init__({})
+        self.where = where
+
+    def act_batch(self, observations):
+        found = np.zeros((len(observations), self._size))
+        for axis, entry in enumerate(self.where):
+            found[:, axis:24:3] = -np.sign(observations[:, entry])[:, None]
+        return found
+
+
+@pytest.mark.parametrize(("name", "where"), [("Hover", (0, 1, 2)), ("Path", (0, 1, 2)), ("Crawl", (0, 1))])
+def test_doing_the_opposite_is_worth_a_tenth_of_the_classical_controller_at_most(name, where):
+    found = play(name, Away(where), 6)
+    assert not found.success.any()
+    assert found.returns.mean() <= 0.1 * SUITE[name].anchors[1]
+
+
 @pytest.mark.parametrize("name", SUITE)
 def test_the_committed_scale_is_that_of_the_terms_and_orders_the_policies(name):
     found = read_anchors()[name]
