@@ -175,6 +175,9 @@ GUIDE = (
     Try("spidar leaderboard held-out --policy FILE --against NAME",
         instead="spidar leaderboard held-out --policy mine:Damper --against qp_tuned --scenarios 1"),
     Try("spidar leaderboard answers", "--names qp --tracks flight-paper --scenarios 1"),
+    Try("spidar suite"),
+    Try("spidar suite TASK --policy POLICY",
+        instead="spidar suite Hover --policy baselines.qp_steady:QPSteady --episodes 2"),
     Try("spidar scenarios --check"),
     # Export and software in the loop.
     Try("spidar export", "--out onboard",

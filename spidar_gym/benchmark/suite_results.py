@@ -182,12 +182,18 @@ def _cells(rows: Sequence[Result], task: SuiteTask, algorithm: str) -> list[str]
     ]
 
 
-def suite_lines(rows: Sequence[Result]) -> list[list[str]]:
-    """Return the table of the suite: a line for each task and algorithm, and one over all tasks of an algorithm."""
+def suite_lines(rows: Sequence[Result], *, only_runs: bool = False) -> list[list[str]]:
+    """Return the table of the suite: a line for each task and algorithm, and one over all tasks of an algorithm.
+
+    Args:
+        rows: Results.
+        only_runs: Whether tasks without runs are left out.
+    """
     lines = [["task", "algorithm", "ticks × seeds", "return", "success", "time of a run"]]
     for algorithm in ALGORITHMS:
         for name, task in SUITE.items():
-            lines.append([name, algorithm, *_cells(rows, task, algorithm)])
+            if not only_runs or curves(rows, name, algorithm, "return"):
+                lines.append([name, algorithm, *_cells(rows, task, algorithm)])
         found = returns_of(rows, algorithm)
         if len(found) > 1:
             own = interval(found, named_generator("suite", algorithm))

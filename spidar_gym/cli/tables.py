@@ -143,7 +143,7 @@ COMPUTED: dict[str, Callable[..., Lines]] = {
     "margins": _margins,
     "methods": method_lines,
     "orders": _orders,
-    "suite": lambda root: suite_lines(read_results(SUITE_RESULTS)),
+    "suite": lambda root, *which: suite_lines(read_results(SUITE_RESULTS), only_runs=which == ("runs",)),
     "suite-tasks": lambda root: task_lines(),
     "suite-variants": lambda root, task: variant_lines(read_results(SUITE_RESULTS), task),
     "summary": _summary,

@@ -98,6 +98,7 @@ def test_the_table_has_a_command_in_each_cell_without_runs_and_a_line_over_all_t
     assert lines["Hover", "sac"][0] == "`python -m train.standard Hover sac --seed 0`"
     assert lines["the 2 with runs", "ppo"][1] == "0.50 [0.50, 0.50]"
     assert ("the 2 with runs", "sac") not in lines
+    assert [line[0] for line in suite_lines(rows, only_runs=True)[1:]] == ["Hover", "Crawl", "the 2 with runs"]
     assert returns_of(rows, "ppo") == {name: pytest.approx([0.5] * 3) for name in ("Hover", "Crawl")}
 
 

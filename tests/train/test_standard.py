@@ -61,7 +61,7 @@ def test_the_artifact_is_the_policy_that_was_evaluated(tmp_path):
     rows = read_results(run.folder / "results.csv")
     assert {(row.algorithm, row.task, row.seed) for row in rows} == {("ppo", "Crawl", 0)}
     assert [row.metric for row in rows] == [*METRICS] * 2
-    assert [row.step for row in rows[:: len(METRICS)]] == [1280, 2240], "whole rollouts of 4 robots, 8 steps, 10 ticks"
+    assert [row.step for row in rows[:: len(METRICS)]] == [1120, 2080], "whole rollouts of 4 robots, 8 steps, 5 ticks"
     found = play("Crawl", LearnedPolicy(read_artifact(run.folder / "policy.npz")), 3).means
     assert {row.metric: row.value for row in rows[-len(METRICS) :]} == pytest.approx(found, rel=1e-5)
     seen, _ = run.env.venv.vector.reset(seed=3)
