@@ -130,7 +130,7 @@ def policy_arguments(policy: Policy, env_id: str) -> dict[str, Any] | None:
     for name in chosen or {}:
         if name not in ARGUMENTS:
             raise InvalidValueError("arguments", name, "those that a policy may choose: " + ", ".join(ARGUMENTS))
-    if chosen is not None and "observation" in chosen:
+    if chosen is not None and chosen.get("observation") is not None:
         require_name("observation of a policy", str(chosen["observation"]), ("vector", "scaled"))
     return None if chosen is None else dict(chosen)
 
