@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The runs of docs/benchmark/suite.md, JOBS at a time (2): 27 hours of one core. Interrupted, the same command resumes.
+# The runs of docs/benchmark/suite.md, JOBS at a time (2). Interrupted, the same command resumes.
 # Needs a checkout with `pip install -e '.[train,viz]'`.
 # Usage: train/suite.sh [PATTERN], only runs whose line contains it, such as "Hover ppo".
 set -euo pipefail

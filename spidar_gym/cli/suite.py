@@ -45,7 +45,7 @@ def suite(
         episodes: Number of episodes, with the first seeds of the evaluation.
         anchors: Play zero action, random policy and the best classical controller, and write their results, which
             define the scale of the returns; for a new version of the suite.
-        check: Play them again, and fail if a return differs by more than 2 % of the scale; takes ten minutes.
+        check: Play them again, and fail if a return differs by more than 2 % of the scale; takes about twenty minutes.
         runs: Folder with runs of train.standard; their results.csv are merged into the committed table.
         trust: Load zips saved by Stable-Baselines3. They can run any code: use only files that you trust.
         act_limit: Largest time of the policy for one action [s].
