@@ -160,11 +160,19 @@ class Engine:
         Args:
             copies: Array like `copies`, of any number of robots.
         """
+        model = self.simulations[0].model
+        highest = {
+            "geom_sameframe": len(mujoco.mjtSameFrame.__members__) - 1,
+            "body_geomnum": np.bincount(model.geom_bodyid, minlength=model.nbody),
+        }
         for name, (_, size, at) in zip(self._names, self._pieces[0].tolist(), strict=True):
-            values = copies[:, at : at + size].view(getattr(self.simulations[0].model, name).dtype)
-            most = USUAL[1] if values.dtype.kind == "f" else len(mujoco.mjtSameFrame.__members__) - 1
-            if not (np.abs(values) <= most).all():
-                return f"{name} of MuJoCo's model, expected numbers within ± {most:g}"
+            values = copies[:, at : at + size].view(getattr(model, name).dtype)
+            if name in highest:
+                least, most = 0, highest[name]
+            else:
+                least, most = -USUAL[1], USUAL[1]
+            if not ((values >= least) & (values <= most)).all():
+                return f"{name} of MuJoCo's model, expected numbers from {least:g} to {np.max(most):g}"
         return ""
 
     def forget_copies(self) -> None:
