@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium
 
 from spidar_gym.control.course.observation import course_layout
-from spidar_gym.control.crawl.observation import crawl_layout
+from spidar_gym.control.crawl.observation import CLOCK_TICKS, crawl_layout
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field, layout, path_layout
 from spidar_gym.control.locomotion.orders import PHASES
@@ -99,6 +99,8 @@ class Chapter:
     """Sentence about the controller's knowledge of a randomised robot."""
     zero: str = "A zero action is exactly the preset's\ncommand in every mode but `direct` and `torso_forces`."
     """Sentence about a zero action."""
+    clock: str = ""
+    """Sentence about the clock in the observation."""
     arrival: str = ""
     """Sentence about the end of an episode with the reward `sloped`."""
     law: str = "FlightController"
@@ -174,6 +176,8 @@ CHAPTERS: dict[str, Chapter] = {
         list(CRAWL_PRESETS), "CrawlerConfig", "{'disturbances': {...}}",
         "controller keeps the nominal parameters.",
         law="Crawler",
+        clock="In `torso_forces`, which has no gait, `clock` precedes `previous_action`: sine and cosine of the time\n"
+        f"since the reset, of period {CLOCK_TICKS / CONTROL_RATE:g} s.",
         arrival=f"{_ENDS}: the torso within `arrival_position` (0.05 m) and `arrival_yaw` (0.1 rad) of the goal.",
     ),
     "spidar_gym/Course-v0": Chapter(
@@ -288,6 +292,7 @@ def page(name: str) -> str:
         "## Observation Space",
         f"`Box(-bound, bound, ({size},), float32)` in the default action mode: values available on the real robot.",
         markdown_rows("entries | name | bound ± | scale | unit | meaning", _observation_rows(fields, scaled=True)),
+        *filter(None, (own.clock,)),
         *_other_observations(own),
         "## Rewards",
         "The weighted sum of terms in [0, 1]; the weights add up to 1. Every term is in `info` as `reward_<term>`.",

@@ -14,6 +14,7 @@ from spidar_gym.control.course import gates, pilot, rule, target
 from spidar_gym.control.course import observation as course_observation
 from spidar_gym.control.crawl import controller as crawl_controller
 from spidar_gym.control.crawl import footsteps, gait, pose2
+from spidar_gym.control.crawl import observation as crawl_observation
 from spidar_gym.control.crawl.controller import CrawlerConfig
 from spidar_gym.control.crawl.phases import CYCLE, LIFT, PHASES, STAND
 from spidar_gym.control.estimator import HISTORY
@@ -53,7 +54,7 @@ SIZES = {
     "IMU_SAMPLES": IMU_SAMPLES, "COMMANDS": COMMANDS, "MAX_ENTRIES": MAX_ENTRIES,
     "NETWORK_BLOCK": NETWORK_BLOCK, "MODE_COSTS": 4, "MODE_ROWS": 6, "PATH_AHEAD": path.AHEAD,
     "MAX_WAYPOINTS": MAX_WAYPOINTS, "MANAGER_KNOTS": MANAGER_KNOTS,
-    "COURSE_AHEAD": course_observation.AHEAD,
+    "COURSE_AHEAD": course_observation.AHEAD, "CLOCK_TICKS": crawl_observation.CLOCK_TICKS,
 }  # fmt: skip
 """Integers by their names in C without `SP_`."""
 NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (

@@ -161,6 +161,6 @@ class CoreCrawler(Core[CoreCrawlMemory]):
         pose = np.array([goal.x, goal.y, goal.yaw])
         size = self.library.sp_observe_crawl(
             self._crawl.pointer, self._state.pointer, pointer(pose), pointer(observables.thrust_command),
-            pointer(action), len(action), pointer(bound), pointer(self._observation),
+            pointer(action), len(action), observables.ticks, pointer(bound), pointer(self._observation),
         )  # fmt: skip
         return self._observation[:size].copy()

@@ -305,7 +305,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
     )),
     CStruct("policy", "State of a learned policy between ticks.", (
         ("has_momentum has_joints", "i4", (), "whether a previous tick exists"),
-        ("held", "i4", (), "ticks since the last decision; 0 before the next", COUNT),
+        ("ticks", "i4", (), "since the first, modulo decisions times periods of the clock", COUNT),
         ("action", "f8", (MAX_ACTION,), "last applied action, in [−1, 1]"),
         ("leg_momentum", "f8", (3,), "[Nms]"),
         ("slow", "f8", (MAX_ACTION,), "low-passed outputs, which the washout subtracts"),

@@ -286,7 +286,7 @@ def test_a_policy_in_torso_axes_commands_as_in_its_environment_and_holds_its_dec
     observation, _ = env.reset(seed=3)
     each.reset(seed=3)
     learned, worst, seen, actions = Learned(each, beside(each)), 0.0, [], []
-    for k in range(60):
+    for k in range(100):
         learned.look()
         found = learned.command_directly()
         if k % hold == 0:

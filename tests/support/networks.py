@@ -8,7 +8,7 @@ import numpy as np
 from spidar_gym.benchmark.track import CRAWL, HOVER
 from spidar_gym.control.crawl.observation import crawl_layout
 from spidar_gym.control.flight.observation import layout
-from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, find_action_mode
+from spidar_gym.envs.actions import ACTION_MODES, CRAWL_MODES, TORSO, find_action_mode
 from spidar_gym.policies import external, torso
 from spidar_gym.policies.artifact import Artifact
 from spidar_gym.robot import N_ROTORS
@@ -18,7 +18,8 @@ def made(env_id=HOVER, mode="residual_wrench", *, scale=1.0, loud=1.0, hidden=(2
     """A random network that fits its environment; its outputs are in the middle of their range."""
     rng, crawls = np.random.default_rng(7), env_id == CRAWL
     size = find_action_mode(mode, CRAWL_MODES if crawls else ACTION_MODES).size
-    bound = np.concatenate([np.full(f.size, f.bound) for f in (crawl_layout if crawls else layout)(size)])
+    fields = crawl_layout(size, clock=mode == TORSO) if crawls else layout(size)
+    bound = np.concatenate([np.full(f.size, f.bound) for f in fields])
     shape = (len(bound), *hidden, size)
     weights = [rng.normal(size=(n, m)) / np.sqrt(m) for m, n in pairwise(shape)]
     weights[-1] *= loud

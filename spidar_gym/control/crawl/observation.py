@@ -14,9 +14,20 @@ from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import RobotState
 
+CLOCK_TICKS = 80
+"""Period of the clock [control ticks], 2 s: a step of a leg and its way back. Without a gait, a policy that observes no
+time comes to rest where its action is constant."""
 
-def crawl_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...]:
-    """Return the fields of the observation in order; the length depends on the size of the action."""
+
+def crawl_layout(action_size: int, robot: RobotSpec = ROBOT, *, clock: bool = False) -> tuple[Field, ...]:
+    """Return the fields of the observation in order.
+
+    Args:
+        action_size: Size of the action.
+        robot: The robot.
+        clock: Whether there is a clock, as for actions without a gait.
+    """
+    hand = (Field("clock", 2, 1.0, "", "sine and cosine of the time since the reset, of period 2 s"),) if clock else ()
     return (
         Field("goal_position", 2, 5.0, "m", "goal − torso along its heading and to its left", scale=0.15),
         Field("goal_heading", 2, 1.0, "", "sine and cosine of the heading still to turn", scale=0.3),
@@ -40,6 +51,7 @@ def crawl_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ...
         Field("phase_time", 1, 20.0, "s", "since it began", scale=5.0),
         Field("share", 1, 1.0, "", "planned share of the torso's displacement in this cycle"),
         Field("steps_left", 1, 50.0, "", "remaining gait cycles, including this one", scale=5.0),
+        *hand,
         Field("previous_action", action_size, 1.0, "", "last action"),
     )
 
@@ -56,6 +68,8 @@ class CrawlObservables:
     """Thrust last commanded [N]."""
     previous_action: np.ndarray
     """The last action."""
+    ticks: int = -1
+    """Control ticks since the reset; negative for an observation without a clock."""
 
 
 def observe_crawl(seen: CrawlObservables, gait: GaitMemory, memory: CrawlMemory, *, bound: np.ndarray) -> np.ndarray:
@@ -67,6 +81,7 @@ def observe_crawl(seen: CrawlObservables, gait: GaitMemory, memory: CrawlMemory,
     dx, dy = goal.x - float(state.position_w[0]), goal.y - float(state.position_w[1])
     angles = np.concatenate((state.vectoring, memory.vectoring)).reshape(-1)
     sine, cosine, half = np.sin(angles), np.cos(angles), 2 * N_ROTORS
+    turn = 2.0 * math.pi * (seen.ticks % CLOCK_TICKS) / CLOCK_TICKS
     phase = np.zeros(len(PHASES))
     phase[PHASES.index(gait.phase)] = 1.0
     values = np.concatenate(
@@ -88,6 +103,7 @@ def observe_crawl(seen: CrawlObservables, gait: GaitMemory, memory: CrawlMemory,
             cosine[half:],
             phase,
             (gait.time, gait.share, len(gait.steps)),
+            (math.sin(turn), math.cos(turn)) if seen.ticks >= 0 else (),
             seen.previous_action,
         )
     )

@@ -70,9 +70,9 @@ int sp_observe(const sp_flight *f, const sp_robot_state *state, const sp_control
     return finish(v, at, bound, observation);
 }
 
-/* Write the crawl observation; returns its length. */
+/* Write the crawl observation; returns its length. It contains a clock unless `ticks`, those since the reset, is negative. */
 int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const double *goal, const double *thrust,
-                     const double *previous_action, int action_size, const double *bound, float *observation)
+                     const double *previous_action, int action_size, int ticks, const double *bound, float *observation)
 {
     const sp_crawl_memory *m = &crawl->memory;
     const sp_gait_memory *g = &crawl->gait;
@@ -104,6 +104,11 @@ int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const d
     v[at++] = g->time;
     v[at++] = g->share;
     v[at++] = g->count;
+    if (ticks >= 0) {
+        double turn = 2.0 * SP_PI * (ticks % SP_CLOCK_TICKS) / SP_CLOCK_TICKS;
+        v[at++] = sin(turn);
+        v[at++] = cos(turn);
+    }
     at = put(v, at, previous_action, action_size);
     return finish(v, at, bound, observation);
 }

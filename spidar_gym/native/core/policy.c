@@ -286,8 +286,8 @@ void sp_policy_flight(const sp_robot *robot, sp_policy *policy, const sp_flight 
 /* Whether the network is evaluated in this tick; between decisions its action is held. */
 static int decides(sp_policy *policy)
 {
-    int due = policy->held == 0;
-    policy->held = (policy->held + 1) % SP_POLICY_HOLD;
+    int due = policy->ticks % SP_POLICY_HOLD == 0;
+    policy->ticks = (policy->ticks + 1) % (SP_POLICY_HOLD * SP_CLOCK_TICKS);
     return due;
 }
 
@@ -336,7 +336,8 @@ void sp_policy_crawl_direct(const sp_robot *robot, sp_policy *policy, sp_crawl *
     sp_crawl_memory *memory = &crawl->memory;
     if (SP_POLICY_KIND != SP_POLICY_CRAWL_DIRECT) return;
     last_thrust(robot, crawl->ticked, memory->forces_l, state, thrust);
-    sp_observe_crawl(crawl, state, goal, thrust, policy->action, SP_POLICY_ACTIONS, SP_POLICY_BOUND, policy->observation);
+    sp_observe_crawl(crawl, state, goal, thrust, policy->action, SP_POLICY_ACTIONS, policy->ticks,
+                     SP_POLICY_BOUND, policy->observation);
     if (decides(policy)) decide(robot, policy, NULL);
     sp_link_attitudes(robot, state->joint_position, R_bl);
     sp_act_in_torso_axes(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_TRIM, R_bl[0], robot,
@@ -357,7 +358,7 @@ void sp_policy_crawl(const sp_robot *robot, sp_policy *policy, const sp_crawl *c
     *residual = SP_NO_RESIDUAL;
     if (SP_POLICY_KIND != SP_POLICY_CRAWL) return;
     last_thrust(robot, crawl->ticked, crawl->memory.forces_l, state, thrust);
-    sp_observe_crawl(crawl, state, goal, thrust, policy->action, SP_POLICY_ACTIONS, SP_POLICY_BOUND,
+    sp_observe_crawl(crawl, state, goal, thrust, policy->action, SP_POLICY_ACTIONS, -1, SP_POLICY_BOUND,
                      policy->observation);
     update_action(robot, policy, NULL);
     sp_make_residual(policy->action, SP_POLICY_AUTHORITY, SP_POLICY_ACTIONS, SP_POLICY_CHANNELS, residual);

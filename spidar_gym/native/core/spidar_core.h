@@ -163,7 +163,8 @@ int sp_observe(const sp_flight *flight, const sp_robot_state *state, const sp_co
                const double *leg_momentum_rate, const sp_preview *preview, int has_path, const double *previous_action,
                int action_size, const double *bound, float *observation);
 int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const double *goal, const double *thrust,
-                     const double *previous_action, int action_size, const double *bound, float *observation);
+                     const double *previous_action, int action_size, int ticks, const double *bound,
+                     float *observation);
 int sp_observe_course(const sp_robot *robot, const sp_manager *manager, const sp_pilot *pilot, const sp_course *course,
                       const sp_robot_state *state, const sp_command *last, double charge, double time_left,
                       const double *previous_action, int action_size, const double *bound, float *observation);

@@ -611,7 +611,7 @@ typedef struct {
 /* State of a learned policy between ticks. */
 typedef struct {
     int32_t has_momentum, has_joints; /* whether a previous tick exists */
-    int32_t held; /* ticks since the last decision; 0 before the next */
+    int32_t ticks; /* since the first, modulo decisions times periods of the clock */
     double action[40]; /* last applied action, in [−1, 1] */
     double leg_momentum[3]; /* [Nms] */
     double slow[40]; /* low-passed outputs, which the washout subtracts */
