@@ -124,7 +124,7 @@ _TASKS = (
     ),
     SuiteTask(
         "Crawl", "Crawl", "crawl 0.6 m from nothing, robots randomised at strength 0.3, sensors", _ARRIVES,
-        {**_LEARNED, **_CRAWL}, _STEADY, {"ppo": 3 * M},
+        {**_LEARNED, **_CRAWL}, _STEADY, {"ppo": 2 * M},
     ),
     SuiteTask(
         "Steps", "Crawl", "crawl 0.6 m over steps of up to 5 cm, the heights of the map in sight, robots as before",
