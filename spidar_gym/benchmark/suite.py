@@ -11,7 +11,7 @@ from gymnasium.utils.seeding import np_random
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.suite import CLASSICAL, LAZY, SUITE, SuiteTask
+from spidar_gym.envs.suite import CEILING, CLASSICAL, LAZY, SUITE, SuiteTask
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.policies.actor import Actor
 from spidar_gym.policies.load import load_policy
@@ -96,6 +96,7 @@ def play(
     *,
     threads: int = 1,
     act_limit_s: float = ACT_LIMIT_S,
+    sensors: bool | None = None,
     on_end: Callable[[int], object] = lambda _: None,
 ) -> Episodes:
     """Play the first episodes of the evaluation's seeds.
@@ -107,6 +108,7 @@ def play(
         episodes: Number of episodes.
         threads: Number of threads that simulate robots; the result is the same.
         act_limit_s: Largest time of the policy for one action of one robot [s].
+        sensors: Whether the policy sees the sensors' estimate, not the true state; as in the task if not given.
         on_end: Called with the number of episodes that have ended in a step, if any.
 
     Raises:
@@ -114,7 +116,7 @@ def play(
         PolicyError: When the policy raises, returns invalid actions, or takes too long.
     """
     task = find_task(name)
-    options = options_for(task, policy)
+    options = options_for(task, policy) | ({} if sensors is None else {"sensors": sensors})
     # Not its id, whose arguments a policy may replace. A single robot states the spaces.
     env = gymnasium.make(task.env_id, **options)
     require_spaces(policy, task.id, env)
@@ -178,6 +180,7 @@ def _play_one(env: gymnasium.Env[Any, np.ndarray], actor: Actor, episode: int) -
 
 
 def anchoring(name: str) -> dict[str, Policy]:
-    """Return the policies that anchor a task's scale, by name."""
-    lazy = dict(zip(LAZY, (OwnController({}), RandomPolicy()), strict=True))
-    return {**lazy, CLASSICAL: load_policy(find_task(name).classical)}
+    """Return the policies that anchor a task's scale, by name, and its privileged ceiling if it has one."""
+    task, lazy = find_task(name), dict(zip(LAZY, (OwnController({}), RandomPolicy()), strict=True))
+    best = load_policy(task.classical)
+    return {**lazy, CLASSICAL: best, **({CEILING: best} if task.has_ceiling else {})}

@@ -10,7 +10,7 @@ from spidar_gym.benchmark.scoring import ACT_LIMIT_S
 from spidar_gym.benchmark.suite import EPISODES, anchoring, find_task, play
 from spidar_gym.benchmark.suite_results import RESULTS, merged, read_results, results_text, suite_lines
 from spidar_gym.console import kept, progress
-from spidar_gym.envs.suite import ANCHORS, CLASSICAL, LAZY, SUITE, SUITE_IDS, SuiteTask, read_anchors
+from spidar_gym.envs.suite import ANCHORS, CEILING, CLASSICAL, LAZY, SUITE, SUITE_IDS, SuiteTask, read_anchors
 from spidar_gym.errors import InvalidValueError, StaleAssetError, require_above, require_least
 from spidar_gym.files import json_text, write_text
 from spidar_gym.policies.guest import close_guests, open_policy
@@ -44,7 +44,8 @@ def suite(
             Stable-Baselines3.
         episodes: Number of episodes, with the first seeds of the evaluation.
         anchors: Play zero action, random policy and the best classical controller, and write their results, which
-            define the scale of the returns; for a new version of the suite.
+            define the scale of the returns, and the latter with the true state, a privileged
+            ceiling where that is an option; for a new version of the suite.
         check: Play them again, and fail if a return differs by more than 2 % of the scale; takes about twenty minutes.
         runs: Folder with runs of train.standard; their results.csv are merged into the committed table.
         trust: Load zips saved by Stable-Baselines3. They can run any code: use only files that you trust.
@@ -94,7 +95,8 @@ def _anchor(names: list[str], check: bool) -> None:
         kept(lambda: f"finished results are kept in {ANCHORS}"),
     ):
         for name, key, policy in pairs:
-            episodes = play(name, policy, threads=cpu_count(), on_end=bar.update)
+            sensors = False if key == CEILING else None
+            episodes = play(name, policy, threads=cpu_count(), sensors=sensors, on_end=bar.update)
             terms = {term: round(float(value.mean()), 4) for term, value in episodes.terms.items()}
             found = {metric: round(value, 4) for metric, value in episodes.means.items()} | {"terms": terms}
             if check:
@@ -110,7 +112,7 @@ def _keep(name: str, key: str, found: dict[str, Any]) -> None:
     tasks = read_anchors() if ANCHORS.exists() else {}
     tasks = {**tasks, name: {**tasks.get(name, {}), key: found}}
     ordered = {
-        task: {each: tasks[task][each] for each in (*LAZY, CLASSICAL) if each in tasks[task]}
+        task: {each: tasks[task][each] for each in (*LAZY, CLASSICAL, CEILING) if each in tasks[task]}
         for task in SUITE if task in tasks
     }  # fmt: skip
     write_text(ANCHORS, json_text({"command": "spidar suite --anchors", "tasks": ordered}) + "\n")

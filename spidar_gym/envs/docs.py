@@ -23,7 +23,7 @@ from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.observations import MOST, OBSERVATIONS, privileged_layout
 from spidar_gym.envs.path_env import PathEnv
 from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
-from spidar_gym.envs.suite import CLASSICAL, LAZY, SUITE, SUITE_IDS, M, SuiteTask, read_anchors
+from spidar_gym.envs.suite import CEILING, CLASSICAL, LAZY, SUITE, SUITE_IDS, M, SuiteTask, read_anchors
 from spidar_gym.robot import field_docs, source_doc
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.disturbances import Disturbances
@@ -415,7 +415,8 @@ def _scale_lines(own: SuiteTask) -> list[tuple[str, ...]]:
     """Return a line for each policy that anchors the scale: its results, and the terms of its return."""
     lines = []
     for policy, found in read_anchors()[own.name].items():
-        words = f"`{own.classical}`" if policy == CLASSICAL else f"{policy} action" if policy == LAZY[0] else policy
+        words = {LAZY[0]: "zero action", LAZY[1]: LAZY[1], CLASSICAL: f"`{own.classical}`",
+                 CEILING: f"ceiling: `{own.classical}` with the true state"}[policy]  # fmt: skip
         numbers = found["return"], float(own.normalised(found["return"])), *found["terms"].values()
         lines.append((words, *(f"{number:.3g}" for number in numbers), f"{found['success']:.0%}",
                       f"{found['duration_s']:.1f} s"))  # fmt: skip

@@ -16,7 +16,8 @@ PREFIX, VERSION = "spidar_suite", "v1"
 ANCHORS = ROOT / "assets" / f"suite_{VERSION}.json"
 """File with the results of the policies that anchor the scale of each task; `spidar suite --anchors` writes it."""
 LAZY, CLASSICAL, CEILING = ("zero", "random"), "classical", "ceiling"
-"""Names of these policies: zero action and uniform actions, the best classical controller, and one that knows more."""
+"""Names of these policies: zero action and uniform actions; the best classical controller; the same with the true state
+in place of sensors, a privileged ceiling where that is an option."""
 INTERFACE = ("action_mode", "action_scale", "hold", "observation", "preset")
 """Arguments that a policy with a controller below it may choose itself; the others are the task."""
 _FLIGHT = {"forms": "independent", "joint_speed": 0.4, "horizon_s": 10.0}
@@ -77,6 +78,11 @@ class SuiteTask:
     def budget(self, algorithm: str) -> int:
         """Return the length of training [control ticks]."""
         return self.budgets.get(algorithm, self.budgets["ppo"])
+
+    @property
+    def has_ceiling(self) -> bool:
+        """Whether the sensors can be replaced by the true state; those of a calibrated world cannot."""
+        return bool(self.options.get("sensors")) and not isinstance(self.options["randomization"], str)
 
     @property
     def anchors(self) -> tuple[float, float]:
