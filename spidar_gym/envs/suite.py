@@ -116,7 +116,7 @@ def read_anchors() -> dict[str, Any]:
 _TASKS = (
     SuiteTask(
         "HoverResidual", "Hover", "improve the paper's controller by a wrench while the joints move", _FLIES,
-        {**_FLIGHT, **_LEARNED, "action_mode": "residual_wrench", "action_scale": {"share": 0.2}, "preset": "paper"},
+        {**_FLIGHT, **_LEARNED, "action_mode": "residual_wrench", "action_scale": {"share": 0.5}, "preset": "paper"},
         _STEADY,
         {"ppo": 3 * M, "sac": 300_000},
     ),

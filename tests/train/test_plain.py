@@ -19,7 +19,7 @@ def test_the_saved_policy_flies_with_the_printed_command(robots, tmp_path, monke
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["train.plain", "--steps", "1", "--robots", robots])
     plain.main()
-    *table, told = capfd.readouterr().out.splitlines()
+    *table, ranked, told = capfd.readouterr().out.splitlines()
     # A whole rollout in both cases, although one step was requested; the log reports episodes.
     assert any("total_timesteps" in line and " 2048 " in line for line in table)
     spidar, *command, out, film = shlex.split(told)
@@ -27,6 +27,8 @@ def test_the_saved_policy_flies_with_the_printed_command(robots, tmp_path, monke
     assert [p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*.*")] == ["out/plain/model.zip"]
     main([*command, "--seconds", "0.2"])
     assert capfd.readouterr().out.startswith("episode 1 (seed 0): 0.2 s")
+    main([*shlex.split(ranked)[1:], "--episodes", "1"])
+    assert "on spidar_suite/HoverResidual-v1, 1 episodes" in capfd.readouterr().out
 
 
 @pytest.mark.parametrize("wrong", [{"steps": 0}, {"robots": 0}, {"seed": -1}])

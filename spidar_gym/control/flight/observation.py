@@ -56,10 +56,10 @@ def _previous(action_size: int) -> Field:
 
 
 _FLIGHT = (
-    Field("position_error", 3, 2.0, "m", "desired − actual CoG, torso axes", scale=0.1),
-    Field("velocity_error", 3, 5.0, "m/s", "desired − actual CoG velocity, torso axes", scale=0.3),
-    Field("attitude_error", 3, 2.0, "rad", "½ (RᵀR_d − R_dᵀR)^∨, torso axes", scale=0.1),
-    Field("angular_velocity_error", 3, 10.0, "rad/s", "desired − actual, torso axes", scale=0.5),
+    Field("position_error", 3, 2.0, "m", "desired − actual CoG, torso axes", scale=0.03),
+    Field("velocity_error", 3, 5.0, "m/s", "desired − actual CoG velocity, torso axes", scale=0.1),
+    Field("attitude_error", 3, 2.0, "rad", "½ (RᵀR_d − R_dᵀR)^∨, torso axes", scale=0.03),
+    Field("angular_velocity_error", 3, 10.0, "rad/s", "desired − actual, torso axes", scale=0.2),
     Field("joint_position", N_JOINTS, 2.0, "rad", "q"),
     Field("joint_velocity", N_JOINTS, 5.0, "rad/s", "q̇", scale=0.5),
     Field("vectoring_sine", 2 * N_ROTORS, 1.0, "", "sine of φ₁, θ₁, φ₂, θ₂ …"),
@@ -76,7 +76,7 @@ _FLIGHT = (
     Field("vectoring_command_cosine", 2 * N_ROTORS, 1.0, "", "cosine of the last commanded φ, θ"),
     Field("restricted_rotors", N_ROTORS, 1.0, "", "1 where interference restricts the rotor"),
     Field("next_form", N_JOINTS, 2.0, "rad", "joint targets of the form after this one"),
-    Field("time_to_next_form", 1, NO_NEXT_FORM, "s", _UNTIL_NEXT_FORM, scale=5.0),
+    Field("time_to_next_form", 1, NO_NEXT_FORM, "s", _UNTIL_NEXT_FORM, scale=30.0),
 )
 _LATER = ", ".join(f"{AHEAD_STEP * (k + 1):g}" for k in range(AHEAD))
 _PATH = (
