@@ -1,4 +1,4 @@
-"""A policy's arguments of its environment as data: text, numbers and configurations of the package's controllers."""
+"""A policy's arguments of its environment as data: text, numbers (also by name), configurations of controllers."""
 
 import json
 from collections.abc import Mapping
@@ -45,6 +45,8 @@ def from_data(name: str, value: Any) -> Any:  # noqa: ANN401 - JSON, and an argu
     """
     if not isinstance(value, dict):
         return _tuples(value)
+    if value and all(type(number) in (int, float) for number in value.values()):
+        return value  # numbers by name, such as `action_scale`; the environment knows the names
     try:
         ((kind, changes),) = value.items()
         require_name(name, kind, CONFIGS)

@@ -169,7 +169,8 @@ class Tuned(Honest):
     def arguments(self, env_id):
         from dataclasses import replace
         from spidar_gym.control.presets import TUNED
-        return {"controller": replace(TUNED, joint_speed=0.7)} if env_id == "spidar_gym/Hover-v0" else None
+        chosen = {"controller": replace(TUNED, joint_speed=0.7), "action_scale": {"share": 0.5}}
+        return chosen if env_id == "spidar_gym/Hover-v0" else None
 '''
 HONEST = ("Patches", "Seed", "Mutates", "Reaches", "Forks", "Forges")
 WRONG = {
@@ -262,6 +263,7 @@ def test_what_a_guest_chooses_is_data_and_code_that_sees_the_state_is_refused():
     chosen = policy_arguments(open_policy("mine:Tuned"), "spidar_gym/Hover-v0")
     assert chosen is not None
     assert chosen["controller"].joint_speed == 0.7
+    assert chosen["action_scale"] == {"share": 0.5}
     assert policy_arguments(open_policy("mine:Tuned"), "spidar_gym/Crawl-v0") is None
     with pytest.raises(PolicyError, match=r"law = .* code from outside the package acts by its actions alone"):
         policy_arguments(open_policy("mine:OwnLaw"), "spidar_gym/Hover-v0")
