@@ -13,7 +13,7 @@ runs() { # a line for each run, all tasks of a seed before the next seed
     ((seed < 3)) || continue
     for mode in torso_forces direct; do
       for reward in sloped narrow; do
-        echo "Hover ppo --seed $seed --mode $mode --reward $reward --steps 2000000"
+        echo "Hover ppo --seed $seed --mode $mode --reward $reward --steps 1000000"
         echo "Crawl ppo --seed $seed --mode $mode --reward $reward --steps 600000"
       done
     done

@@ -122,11 +122,11 @@ _TASKS = (
     ),
     SuiteTask(
         "Hover", "Hover", "fly from nothing while the joints move", _FLIES,
-        {**_FLIGHT, **_LEARNED, **_ALONE}, _STEADY, {"ppo": 5 * M, "sac": 300_000},
+        {**_FLIGHT, **_LEARNED, **_ALONE}, _STEADY, {"ppo": 3 * M, "sac": 300_000},
     ),
     SuiteTask(
         "Path", "Path", "fly along a path from nothing while the joints move", _FLIES,
-        {**_FLIGHT, **_LEARNED, **_ALONE, "speed": 0.5}, _STEADY, {"ppo": 5 * M},
+        {**_FLIGHT, **_LEARNED, **_ALONE, "speed": 0.5}, _STEADY, {"ppo": 3 * M},
     ),
     SuiteTask(
         "Crawl", "Crawl", "crawl 0.6 m from nothing, robots randomised at strength 0.3, sensors", _ARRIVES,

@@ -187,7 +187,8 @@ static void answer_to(const sp_robot *robot, sp_policy *policy, const sp_snapsho
         follow_joints(policy);
         at = torso_features(policy, snapshot, shown);
     } else
-        for (; at < SP_POLICY_SEES; at++) shown[at] = SP_POLICY_SCALED ? (float)(policy->observation[at] * SP_POLICY_GAIN[at]) : policy->observation[at];
+        for (const float *seen = policy->observation; at < SP_POLICY_SEES; at++)
+            shown[at] = SP_POLICY_SCALED ? (float)(seen[at] * SP_POLICY_GAIN[at]) : seen[at];
     if (SP_POLICY_EXTERNAL) {
         look_for_force(robot, policy, snapshot);
         for (int k = 0; k < SP_POLICY_EXTERNAL; k++) shown[at++] = policy->external[k];

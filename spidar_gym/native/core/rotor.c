@@ -157,10 +157,9 @@ void sp_aim(const double *R_bl, const double *force_b, double sine, double cosin
 /* Turn an angle the short way to the wanted one. */
 static double turned(double angle, double wanted) { return angle + (modulo(wanted - angle + SP_PI, SP_TWO_PI) - SP_PI); }
 
-/* Convert an action in torso axes to thrusts and vectoring angles, without a controller. Its first 24 entries are forces
- * that the rotors bear beyond an equal part of `trim` times the weight; those that follow, if `size` says so, offsets of
- * the joints. `R_bl` has the attitudes of the links one after the other. `authority` scales each entry to [N] and [rad]. Updates the controller's memory (vectoring, forces) and
- * writes the offsets. */
+/* Convert an action in torso axes, scaled by `authority` to [N] and [rad], to thrusts, vectoring angles and `offset`.
+ * Its first 24 entries are forces of the rotors beyond an equal part of `trim` times the weight; more entries, if any,
+ * are offsets of the joints. `R_bl` has the links' attitudes. Updates the controller's memory (vectoring, forces). */
 void sp_act_in_torso_axes(const double *action, const double *authority, int size, double trim,
                           const double *R_bl, const sp_robot *robot, double *vectoring, double *forces_l, double *offset,
                           sp_command *command)
