@@ -14,7 +14,7 @@ import numpy as np
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.sim.ground import TILE, TILES
 from spidar_gym.tasks.course import CourseTask
-from spidar_gym.tasks.crawl import CrawlTask
+from spidar_gym.tasks.crawl import SHORTFALLS, CrawlTask
 from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.tasks.path import PathTask
 from spidar_gym.tasks.robots import CourseRobots, CrawlRobots, HoverRobots
@@ -131,6 +131,14 @@ class SlopedCrawl(CrawlTask):
     def terms(self, robots: CrawlRobots) -> Mapping[str, np.ndarray]:
         """Terms of the reward."""
         return _progress_terms(robots, self.succeeded(robots))
+
+    def shortfalls(self, robots: CrawlRobots) -> Mapping[str, np.ndarray]:
+        """Return which criteria of an arrival each robot misses; the others of `SHORTFALLS` are never missed."""
+        return {
+            **dict.fromkeys(SHORTFALLS, np.zeros(len(robots), bool)),
+            "position": robots.position_error > self.arrival_position,
+            "yaw": robots.yaw_error > self.arrival_yaw,
+        }
 
     def succeeded(self, robots: CrawlRobots) -> np.ndarray:
         """Return which robots have arrived at the goal."""

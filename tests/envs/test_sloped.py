@@ -80,6 +80,7 @@ def test_a_success_ends_the_episode_without_a_failure():
     assert info["is_success"].all()
     assert (info["failure_code"] == -1).all()
     assert (vector.fleet.view.position_error <= 0.05).all()
+    assert (info["shortfalls_code"] == 0).all(), "a success misses no criterion"
 
 
 @pytest.mark.parametrize("name", [HOVER, PATH])
