@@ -15,7 +15,7 @@ from support.networks import made
 
 from spidar_gym.benchmark.track import CRAWL
 from spidar_gym.cli.main import main
-from spidar_gym.envs.actions import ACTION_MODES, AUTHORITIES, CRAWL_MODES
+from spidar_gym.envs.actions import ACTION_MODES, AUTHORITIES, CRAWL_MODES, TORSO
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.native import recipe
 from spidar_gym.native.compiler import compiler
@@ -105,12 +105,38 @@ def written(tmp_path_factory):
     return path
 
 
-def test_the_command_exports_a_folder_that_compiles_replays_and_names_its_policy(
-    written, tmp_path, capsys, monkeypatch
-):
-    # Shorter recordings than those of the export; test_export.py has the whole ones.
+@pytest.fixture
+def short_recordings(monkeypatch):
+    """Shorter recordings than those of the export; test_export.py has the whole ones."""
     for kind, ticks in (("flight", 40), ("crawl", 60)):
         monkeypatch.setattr(golden, f"record_{kind}", partial(getattr(golden, f"record_{kind}"), ticks))
+
+
+def compiled(folder):
+    """Compile the runner of an exported folder as its README says."""
+    line = next(w.strip() for w in (folder / "README.md").read_text().splitlines() if w.strip().startswith("gcc "))
+    line = line.replace("gcc", shlex.join(compiler()), 1).replace("-O2", "-O0")  # the same bytes, but faster to compile
+    subprocess.run(line, shell=True, cwd=folder, check=True)
+
+
+def benched(folder, log):
+    run = ["./spidar-runner", "bench", f"golden/{log}.in"]
+    return subprocess.run(run, cwd=folder, check=True, capture_output=True, text=True).stdout
+
+
+@pytest.mark.usefixtures("short_recordings")
+def test_a_crawl_without_a_controller_is_exported_and_timed_in_crawls(tmp_path):
+    net = made(CRAWL, TORSO)
+    write_artifact(replace(net, arguments={**net.arguments, "hold": 5, "observation": "scaled"}), tmp_path / "net.npz")
+    export(tmp_path / "onboard", residual=tmp_path / "net.npz")
+    compiled(tmp_path / "onboard")
+    told = [line for line in benched(tmp_path / "onboard", "crawl").splitlines() if "in place of the controller" in line]
+    assert re.search(r" 60 ticks +median +\d+\.\d ", told[0])
+    assert "in place of" not in benched(tmp_path / "onboard", "flight")
+
+
+@pytest.mark.usefixtures("short_recordings")
+def test_the_command_exports_a_folder_that_compiles_replays_and_names_its_policy(written, tmp_path, capsys):
     folder = tmp_path / "onboard"
     main(["export", "--out", str(folder), "--residual", str(written), "--residual-rate", "4"])
     assert f"files in {folder}" in capsys.readouterr().out
@@ -118,17 +144,13 @@ def test_the_command_exports_a_folder_that_compiles_replays_and_names_its_policy
     digest = hashlib.sha256(written.read_bytes()).hexdigest()
     told = {name: manifest["residual"][name] for name in ("name", "sha256", "rate")}
     assert told == {"name": "net", "sha256": digest, "rate": 4.0}
-    line = next(w.strip() for w in (folder / "README.md").read_text().splitlines() if w.strip().startswith("gcc "))
-    line = line.replace("gcc", shlex.join(compiler()), 1).replace("-O2", "-O0")  # the same bytes, but faster to compile
-    subprocess.run(line, shell=True, cwd=folder, check=True)
+    compiled(folder)
     for log in ("flight", "crawl"):
         subprocess.run(["./spidar-runner", "replay", f"golden/{log}.in", "out"], cwd=folder, check=True)
         run = ["./spidar-runner", "compare", "out", f"golden/{log}.out"]
         assert subprocess.run(run, cwd=folder, check=False, capture_output=True).returncode == 0
     for log, told in (("flight", True), ("crawl", False)):  # the policy of a flight is not used in a crawl
-        run = ["./spidar-runner", "bench", f"golden/{log}.in"]
-        out = subprocess.run(run, cwd=folder, check=True, capture_output=True, text=True).stdout
-        assert ("flight with the residual" in out) == told
+        assert ("flight with the residual" in benched(folder, log)) == told
     includes = ["-Icore", "-Igenerated", "-Irunner", "-isystem", "osqp"]
     words = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
     for source in [p for part in ("core", "runner") for p in sorted((folder / part).glob("*.c"))]:

@@ -129,18 +129,21 @@ static int bench_ticks(FILE *in, sp_recorded *recorded, cost *whole, cost *harde
     return 1;
 }
 
-/* Time the ticks of a flight with the export's learned policy: a residual, or a direct policy without controller. */
+/* Time the ticks of a flight or crawl with the export's learned policy: a residual, or a policy without controller. */
 static void bench_policy(FILE *in, sp_recorded *recorded, cost *c)
 {
     static sp_policy policy;
-    const int kind = sp_policy_kind(), direct = kind == SP_POLICY_DIRECT;
+    static const double goal[3] = {0.6, 0.0, 0.0};
+    const int kind = sp_policy_kind(), crawls = recorded->head.kind == SP_LOG_CRAWL;
+    const int direct = kind == (crawls ? SP_POLICY_CRAWL_DIRECT : SP_POLICY_DIRECT);
     sp_flight *f = &recorded->flight;
+    sp_crawl *own = &recorded->crawl;
     sp_log_input input;
     sp_command command;
     sp_control_state control;
     sp_preview preview;
     sp_residual residual;
-    if (recorded->head.kind != SP_LOG_FLIGHT || !(direct || kind == SP_POLICY_FLIGHT)) return;
+    if (!direct && kind != (crawls ? SP_POLICY_CRAWL : SP_POLICY_FLIGHT)) return;
     rewind(in);
     if (sp_recorded_begin(in, recorded) != NULL) return;
     sp_policy_reset(&policy);
@@ -150,8 +153,13 @@ static void bench_policy(FILE *in, sp_recorded *recorded, cost *c)
         sp_copy(preview.next_form, input.reference.joint_target, SP_JOINTS);
         preview.time_to_next = SP_NO_NEXT_FORM;
         start_clock();
-        sp_compute_state(&SP_ROBOT, x, &input.reference, &control);
-        if (direct) {
+        if (!crawls) sp_compute_state(&SP_ROBOT, x, &input.reference, &control);
+        if (crawls && direct) {
+            sp_policy_crawl_direct(&SP_ROBOT, &policy, own, x, goal, &command);
+        } else if (crawls) {
+            sp_policy_crawl(&SP_ROBOT, &policy, own, x, goal, &residual);
+            sp_crawl_step(own, x, &residual, sp_own_room(), &command);
+        } else if (direct) {
             sp_policy_direct(&SP_ROBOT, &policy, f, x, &control, &preview, &command);
         } else {
             sp_policy_flight(&SP_ROBOT, &policy, f, x, &control, &preview, &residual);
@@ -159,7 +167,8 @@ static void bench_policy(FILE *in, sp_recorded *recorded, cost *c)
         }
         stop_clock(c);
     }
-    report(direct ? "policy in place of the controller" : "flight with the residual", c);
+    const char *added = crawls ? "crawl with the residual" : "flight with the residual";
+    report(direct ? "policy in place of the controller" : added, c);
 }
 
 int sp_bench(const char *path)
