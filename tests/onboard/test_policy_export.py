@@ -130,7 +130,9 @@ def test_a_crawl_without_a_controller_is_exported_and_timed_in_crawls(tmp_path):
     write_artifact(replace(net, arguments={**net.arguments, "hold": 5, "observation": "scaled"}), tmp_path / "net.npz")
     export(tmp_path / "onboard", residual=tmp_path / "net.npz")
     compiled(tmp_path / "onboard")
-    told = [line for line in benched(tmp_path / "onboard", "crawl").splitlines() if "in place of the controller" in line]
+    told = [
+        line for line in benched(tmp_path / "onboard", "crawl").splitlines() if "in place of the controller" in line
+    ]
     assert re.search(r" 60 ticks +median +\d+\.\d ", told[0])
     assert "in place of" not in benched(tmp_path / "onboard", "flight")
 
