@@ -161,7 +161,10 @@ def returns_of(rows: Sequence[Result], algorithm: str) -> dict[str, list[float]]
     return found
 
 
-def _cell(value: Interval, digits: int = 2) -> str:
+def _cell(value: Interval, seeds: int, digits: int = 2) -> str:
+    """Return a value with its interval, which one seed does not have."""
+    if seeds < 2:
+        return f"{value.value:.{digits}f}"
     return f"{value.value:.{digits}f} [{value.low:.{digits}f}, {value.high:.{digits}f}]"
 
 
@@ -176,8 +179,8 @@ def _cells(rows: Sequence[Result], task: SuiteTask, algorithm: str) -> list[str]
     shares = interval({task.name: [100.0 * each for each in success.last]}, named_generator(*words, "success"))
     return [
         f"{returns.steps[-1] / 1e6:.1f} M × {len(returns.values)}",
-        _cell(interval(scaled, named_generator(*words))),
-        f"{_cell(shares, 0)} %",
+        _cell(interval(scaled, named_generator(*words)), len(returns.values)),
+        f"{_cell(shares, len(success.values), 0)} %",
         f"{returns.seconds[:, -1].mean() / 3600.0:.1f} h",
     ]
 
@@ -197,7 +200,9 @@ def suite_lines(rows: Sequence[Result], *, only_runs: bool = False) -> list[list
         found = returns_of(rows, algorithm)
         if len(found) > 1:
             own = interval(found, named_generator("suite", algorithm))
-            lines.append([f"the {len(found)} with runs", algorithm, "", _cell(own), "", ""])
+            lines.append(
+                [f"the {len(found)} with runs", algorithm, "", _cell(own, min(map(len, found.values()))), "", ""]
+            )
     return lines
 
 

@@ -94,7 +94,7 @@ def test_the_classical_controller_is_one_and_doing_nothing_zero_on_the_committed
 
 
 class Away(OwnController):
-    """Pushes away from where the robot should be: `field` is the way there, torso axes."""
+    """Pushes away from where the robot should be: `where` are the entries of the way there, torso axes."""
 
     name = "away"
 

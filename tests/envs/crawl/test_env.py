@@ -438,3 +438,17 @@ def test_a_foot_has_to_be_in_the_air_while_its_own_leg_swings(control):
     np.testing.assert_array_equal(env.progress.swing_ticks, swung)
     np.testing.assert_array_equal(env.progress.airborne_ticks, airborne)
     assert info["airborne_share"] == (airborne / swung).min()
+
+
+@pytest.mark.parametrize("control", ["core", "python"])
+def test_the_clock_of_a_crawl_without_a_gait_shows_the_time_since_the_reset(control):
+    env = gymnasium.make(CRAWL, action_mode="torso_forces", hold=5, control=control).unwrapped
+    sizes = [(f.name, f.size) for f in env.layout]
+    at = sum(size for _, size in sizes[: [name for name, _ in sizes].index("clock")])
+    idle = np.zeros(env.action_space.shape, np.float32)
+    for _ in range(2):
+        shown = [env.reset(seed=3)[0]] + [env.step(idle)[0] for _ in range(5)]
+        for k, observation in enumerate(shown):
+            time = k * 5 / 40.0  # a step is an eighth of a second
+            expected = np.sin(np.pi * time), np.cos(np.pi * time)
+            np.testing.assert_allclose(observation[at : at + 2], expected, atol=1e-6)
