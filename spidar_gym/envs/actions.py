@@ -192,6 +192,8 @@ class ActionMode:
     """Zero and scale of an action in torso axes; None for other modes."""
     share: float = 1.0
     """Share of the authority of its channels that an action of 1 has."""
+    has_clock: bool = False
+    """Whether the observation has a clock: a policy without a gait has no other measure of time."""
 
     @property
     def size(self) -> int:
@@ -259,7 +261,7 @@ def crawl_modes(robot: RobotSpec, scale: TorsoScale = ON_FLOOR) -> dict[str, Act
     """Return the action modes of the crawl, as `action_modes`."""
     return {
         **action_modes(robot),
-        TORSO: _torso_mode(scale, _LYING),
+        TORSO: replace(_torso_mode(scale, _LYING), has_clock=True),
         "residual_gait": ActionMode((GAIT,), _gait, "shapes the gait"),
         "residual_gait_force": ActionMode(
             (GAIT, LEG_FORCES), _gait_force, "shapes the gait and adds forces to legs, as `residual_force` to rotors"

@@ -362,7 +362,7 @@ class CrawlCommander(Commander):
         seen, goal = self.seen, Pose2(*self._record["goal"].tolist())
         assert seen is not None
         thrust = seen.thrust if self.command is None else self.command.thrust
-        ticks = int(self._record["crawled"]) if self._mode.scale else -1
+        ticks = int(self._record["crawled"]) if self._mode.has_clock else -1
         return self.controller.observe(CrawlObservables(seen, goal, thrust, self._action, ticks), bound=self._bound)
 
 

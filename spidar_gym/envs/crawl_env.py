@@ -100,7 +100,7 @@ class CrawlEnv(SpidarEnv[CrawlTask, CrawlControl, CrawlProgress]):
             ground = replace(ground, heading=task.slope_direction)
         robot = replace(robot, ground=ground)
         super().__init__(
-            mode, crawl_layout(mode.size, described, clock=mode.scale is not None), task=task,
+            mode, crawl_layout(mode.size, described, clock=mode.has_clock), task=task,
             joint_speed=config.joint_speed, control=control, plant=robot, **shared,
         )  # fmt: skip
 

@@ -27,6 +27,7 @@ def action_mode(mode: ActionMode, robot: RobotSpec) -> np.ndarray:
     """Return an action mode as an `sp_action_mode`."""
     record = np.zeros((), engine_layouts()["action_mode"])
     record["size"], record["is_direct"] = mode.size, mode.residual is None
+    record["has_clock"] = mode.has_clock
     known: Mapping[str, ArrayLike] = {}
     if mode.residual is not None:
         record["channels"] = sum(1 << CHANNELS.index(channel.name) for channel in mode.channels)

@@ -230,6 +230,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
     CStruct("action_mode", "Meaning of the entries of an action.", (
         ("size is_direct channels", "i4", (), "entries; whether they bypass the controller; bits of sp_channel"),
         ("is_in_torso_axes", "i4", (), "whether those that bypass it are forces in torso axes and offsets of joints"),
+        ("has_clock", "i4", (), "whether the observation has a clock"),
         ("trim", "f8", (), "share of the weight that the rotors bear at a zero action in torso axes"),
         ("authority", "f8", (MAX_ENTRIES,), "value of an entry of 1"),
     )),

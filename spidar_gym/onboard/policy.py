@@ -65,8 +65,7 @@ def policy_header(artifact: Artifact | None, rate: float = RATE) -> str:
     name, given = str(_argument(artifact, env, "action_mode")), _argument(artifact, env, "action_scale")
     mode = scaled_action_mode(name, given, trim, modes)
     _require_known(artifact, name, mode, modes(ROBOT))
-    has_clock = artifact.env_id == CRAWL and mode.scale is not None
-    seen = fields(mode.size, **({"clock": True} if has_clock else {}))
+    seen = fields(mode.size, **({"clock": True} if mode.has_clock else {}))
     bound = np.concatenate([np.full(field.size, field.bound) for field in seen])
     gain = np.concatenate([np.full(field.size, 1.0 / field.scale) for field in seen])
     sizes = (len(artifact.mean), *(len(bias) for bias in artifact.biases))

@@ -340,7 +340,7 @@ static void observe(const sp_crawl_rules *rules, const sp_crawl_robot *c, float 
     else if (!rules->rules.is_commanded) { /* Python writes the observation of a Python controller */
         sp_observe_crawl(&c->crawl, &episode->seen, goal,
                          episode->has_command ? episode->command.thrust : episode->seen.thrust, episode->action,
-                         rules->rules.mode.size, rules->rules.mode.is_in_torso_axes ? c->crawled : -1,
+                         rules->rules.mode.size, rules->rules.mode.has_clock ? c->crawled : -1,
                          rules->rules.bound, observation);
         sp_scale(&rules->rules, observation);
     }

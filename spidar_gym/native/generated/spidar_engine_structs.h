@@ -364,6 +364,7 @@ typedef struct {
 typedef struct {
     int32_t size, is_direct, channels; /* entries; whether they bypass the controller; bits of sp_channel */
     int32_t is_in_torso_axes; /* whether those that bypass it are forces in torso axes and offsets of joints */
+    int32_t has_clock; /* whether the observation has a clock */
     double trim; /* share of the weight that the rotors bear at a zero action in torso axes */
     double authority[48]; /* value of an entry of 1 */
 } sp_action_mode;
