@@ -10,12 +10,14 @@ from spidar_gym.onboard.export import EXPORTED, export
 from spidar_gym.onboard.policy import RATE
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sitl.missions import (
+    ROBOT_TESTS,
     course_mission,
     crawl_mission,
     drawn_course,
     flight_mission,
     hover_mission,
     map_mission,
+    robot_test,
 )
 
 GATES_SEED = 1
@@ -57,6 +59,7 @@ def export_(
     plans = (flight_mission(flown), crawl_mission(robot=spec), hover_mission(flown))
     if spec == ROBOT:  # heights and slots of the courses fit only the nominal legs
         plans += (course_mission(preset=steady), map_mission(drawn_course(3, GATES_SEED), preset=steady))
+    plans += tuple(robot_test(name, flown) for name in ROBOT_TESTS)
     missions = {f"missions/{plan.name}.txt": plan.text.encode() for plan in plans}
     written = export(
         out, residual=residual, rate=residual_rate, extra=missions, robot=spec, presets=chosen, fragile=fragile

@@ -28,6 +28,7 @@ from spidar_gym.sitl.course_drive import course_report, courses_in_process
 from spidar_gym.sitl.course_faults import course_fault_lines, pairs_of, play_course_faults
 from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.missions import (
+    ROBOT_TESTS,
     Mission,
     course_mission,
     crawl_mission,
@@ -35,6 +36,7 @@ from spidar_gym.sitl.missions import (
     flight_mission,
     hover_mission,
     map_mission,
+    robot_test,
 )
 from spidar_gym.sitl.play import (
     IN_PHASE,
@@ -196,6 +198,39 @@ def course(
         others = courses_in_process(mission, robots, options.robots, workers=workers, on_robot=bar.update)
     figures, table = course_report(played.run, played.log, mission, others)
     _say_figures(folder, mission.name, figures, table, options.json)
+
+
+@sitl_app.command(name="tests")
+def robot_tests(
+    only: tuple[str, ...] = (),
+    preset: FlightPresetArg = "as_flown",
+    out: Path = Path("out/sitl-tests"),
+    options: OptionsArg = Options(),
+) -> None:
+    """Run the tests that identify a robot: its joints on a stand, and in a hover its modules, its legs and its forms.
+
+    bench, 48 s: steps and chirps of every joint, torso clamped; thrust, 72 s: swinging thrusts, two forms and headings;
+    legs, 40 s: chirps of the joints; forms, 60 s: a hover in each form.
+
+    Args:
+        only: Names of the tests; all if none is given.
+        preset: Controller preset of the hovers, best one with little bandwidth.
+        out: Folder for tests.json, and for each test mission and log, as thrust.txt and thrust.log.
+    """
+    controller_config(preset)  # raises for an unknown name
+    if options.residual is not None:
+        raise SpidarError("tests have no learned residual; valid: flight or crawl with --residual")
+    plans = [robot_test(name, preset) for name in only or ROBOT_TESTS]
+    folder, runner, figures = output_folder(out), build_for(options.link), dict[str, dict[str, Any]]()
+    for plan in plans:
+        with progress(unit="tick", desc=f"{plan.name} over {options.link}") as bar:
+            played = play(
+                plan, options.link, seed=options.seed, robots=options.robots, runner=runner,
+                log=folder / f"{plan.name}.log", on_tick=bar.update,
+            )  # fmt: skip
+        write_text(folder / f"{plan.name}.txt", plan.text)
+        figures[plan.name] = report.robot_test_figures(played.run, played.log)
+    print(published(folder, "tests", figures, report.robot_test_table(figures), options.json))
 
 
 @sitl_app.command

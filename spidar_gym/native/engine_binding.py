@@ -175,6 +175,12 @@ class Engine:
                 return f"{name} of MuJoCo's model, expected numbers from {least:g} to {np.max(most):g}"
         return ""
 
+    def write_copy(self, robot: int, name: str, values: np.ndarray) -> None:
+        """Write an array of a robot's part of MuJoCo's model."""
+        _, size, at = self._pieces[0][self._names.index(name)].tolist()
+        self.copies[robot, at : at + size] = np.ascontiguousarray(values).view(np.uint8).reshape(-1)
+        self.forget_copies()
+
     def forget_copies(self) -> None:
         """Mark the models of all threads as outdated; required after `copies` was written."""
         with self.turn.lock:

@@ -201,6 +201,20 @@ class Plant:
         self._engine.run("sp_reset_plants", None, self._pose)
         return self.state()
 
+    def clamp(self, position_w: Vector3, stiffness: float = 2e4, damping: float = 600.0) -> None:
+        """Clamp the level torso to a stand; `reset` the robot there afterwards.
+
+        Args:
+            position_w: Origin of the torso at rest [m].
+            stiffness: Stiffness of the stand [N/m], and about each axis [Nm/rad].
+            damping: Its damping [N s/m], and a fifth of it about each axis [Nm s/rad].
+        """
+        self.model.jnt_stiffness[0] = stiffness
+        self.model.qpos_spring[:7] = [*position_w, *_LEVEL]
+        own = self.model.dof_damping.copy()
+        own[:3], own[3:6] = damping, 0.2 * damping
+        self._engine.write_copy(0, "dof_damping", own)
+
     def disturb(self, disturbances: Disturbances, towards: float = 0.0) -> None:
         """Change the disturbances from now on, without a reset; a rotor that no longer has a fault recovers.
 

@@ -32,8 +32,12 @@ RUNNER = Path(__file__).resolve().parent / "runner"
 """Sources of the runner."""
 MAGIC = "SPIDAR01"
 """First characters of a log."""
-MAX_FORMS, MAX_WINDOWS, MAX_MOVES = 64, 8, 16
-"""Largest numbers of forms, windows and moves in a mission."""
+MAX_FORMS, MAX_WINDOWS, MAX_MOVES, MAX_HEADINGS, MAX_EXCITATIONS = 64, 8, 16, 16, 64
+"""Largest numbers of forms, windows, moves, headings and excitations in a mission."""
+MOST_EXCITATION = {"joint": 0.3, "thrust": 10.0}
+"""Largest amplitude of an excitation, by what is excited [rad, N]."""
+FASTEST_EXCITATION = 10.0
+"""Largest frequency of an excitation: a quarter of the control rate [Hz]."""
 ORDER_TEXT, MOST_ORDERS, REASON = 1024, 16, 160
 """Characters of the orders of one tick; their largest number, limited because checking the reach of a crawl takes time;
 characters of the sentence that refuses them."""
@@ -66,6 +70,22 @@ class MissionKind(IntEnum):
     FLIGHT = 0
     CRAWL = 1
     COURSE = 2
+    BENCH = 3
+
+
+class Excited(IntEnum):
+    """What an excitation adds to: the target of a joint [rad], or the thrust of a module [N]."""
+
+    JOINT = 0
+    THRUST = 1
+
+
+class Shape(IntEnum):
+    """Shape of an excitation."""
+
+    SINE = 0
+    CHIRP = 1
+    SQUARE = 2
 
 
 class LogKind(IntEnum):
@@ -121,6 +141,7 @@ FAULTS = {
     "NO_ALLOCATION": "no allocation for too long",
     "BAD_COMMAND": "a command is out of bounds",
     "LOW_BATTERY": "the battery is low",
+    "STRAINED": "a joint is too far from its command",
 }
 """Faults, and the runner's message for each."""
 
@@ -134,7 +155,7 @@ def _of(kind: type[IntEnum], prefix: str = "") -> Enumeration:
 
 ENUMERATIONS = (
     _of(FlightState, "STATE_"), _of(MissionKind, "MISSION_"), _of(LogKind, "LOG_"), _of(Stage), _of(Heard, "HEARD_"),
-    _of(Action),
+    _of(Action), _of(Excited, "EXCITED_"), _of(Shape, "SHAPE_"),
     Enumeration("fault", "Faults.", tuple(FAULTS), count="FAULTS"),
     Enumeration("topic", "Topics that the runner subscribes to.", tuple(TOPICS), "TOPIC_", count="TOPICS"),
 )  # fmt: skip
@@ -150,20 +171,31 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("way", "pose2", (), "displacement relative to its start"),
         ("cycles unused", "i4", (), "cycles: 0 for as many as necessary"),
     )),
+    CStruct("heading", "A heading to turn to.", (
+        ("start yaw", "f8", (), "since the take-over [s]; relative to the heading at the take-over [rad]"),
+    )),
+    CStruct("excitation", "A signal that is added to the target of a joint or to the thrust of a module.", (
+        ("excited index shape unused", "i4", (), "sp_excited; of the joint or module, from 0; sp_shape"),
+        ("start end", "f8", (), "since the take-over [s]"),
+        ("amplitude", "f8", (), "[rad] or [N]"),
+        ("frequency last_frequency", "f8", (), "at the start, and of a chirp at the end [Hz]"),
+    )),
     CStruct("limits", "Limits of a mission.", (
         ("settle", "f8", (), "time with good samples before the take-over [s]"),
         ("pose_age imu_age joint_age state_age", "f8", (), "largest age of a valid sample [s]"),
         ("gap", "f8", (), "longest time between two ticks [s]"),
         ("tilt", "f8", (), "[rad]"),
+        ("deviation", "f8", (), "largest difference of a joint from its command, 0 for any [rad]"),
+        ("torque", "f8", (), "limit of the joints' torque that is commanded [Nm]"),
         ("fence_low fence_high", "f8", (3,), "of the torso, world [m]"),
         ("hold_ticks", "i4", (), "ticks of a fault before the landing is forced"),
         ("landing_ticks", "i4", (), "ticks of the landing command before silence"),
     )),
     CStruct("mission", "A mission: what the runner does while it drives, and its limits.", (
-        ("kind", "i4", (), "sp_mission_kind: a flight begins in HOVER, a crawl and a course in ARM_ON"),
+        ("kind", "i4", (), "sp_mission_kind: a flight begins in HOVER, all others in ARM_ON"),
         ("odometry", "i4", (), "1: use the lab's estimate `uav/cog/odom`; 0: estimate from mocap and inertial unit"),
         ("residual", "i4", (), "1: use the exported policy"),
-        ("form_count window_count move_count order_count", "i4", (), ""),
+        ("form_count window_count move_count order_count heading_count excitation_count", "i4", (), ""),
         ("has_goal", "i4", (), "course: whether it follows the map instead of orders"),
         ("limits", "limits", (), ""),
         ("controller", "controller_config", (), ""),
@@ -173,6 +205,8 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("forms", "form", (MAX_FORMS,), ""),
         ("windows", "window", (MAX_WINDOWS,), ""),
         ("moves", "move", (MAX_MOVES,), ""),
+        ("headings", "heading", (MAX_HEADINGS,), ""),
+        ("excitations", "excitation", (MAX_EXCITATIONS,), ""),
         ("orders", "waypoint", (MAX_WAYPOINTS,), "course"),
         ("map", "course", (), "course; of its tiles only the height is known"),
         ("end", "f8", (), "of the flight, since the take-over; then it hovers [s]"),
@@ -228,7 +262,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("iterations finished", "i4", (), "of the solver; whether the mission is over"),
         ("phase timeouts", "i4", (), "gait: sp_phase, and number of phases ended by time-out"),
         ("manager_phase to_do", "i4", (), "course: sp_manager_phase, and number of pending orders"),
-        ("heard unused", "i4", (), "sp_heard"),
+        ("heard aborted", "i4", (), "sp_heard; whether a joint was too far from its command"),
         ("mission_time", "f8", (), "since the take-over [s]"),
         ("command", "command", (), ""),
         ("state", "robot_state", (), ""),
@@ -256,6 +290,8 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("policy", "policy", (), ""),
         ("goal", "f8", (3,), "crawl: x, y [m], yaw [rad], world"),
         ("reference", "reference", (), ""),
+        ("form", "f8", (N_JOINTS,), "target of the joints without excitations [rad]"),
+        ("first_yaw yaw", "f8", (), "heading at the take-over, and of the reference [rad]"),
         ("command", "command", (), ""),
         ("answer", "loop_output", (), "last output"),
         ("last good_since taken_over", "f8", (), "[s]"),
@@ -266,6 +302,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("has_last stage fault landing has_trim finished", "i4", (), ""),
         ("ending told", "i4", (), "sp_fault that ends a course; whether it had orders or, with a map, is at the goal"),
         ("by_map undecided", "i4", (), "whether the map is followed; ticks until the next decision"),
+        ("aborted unused", "i4", (), "whether the excitations were ended"),
         ("reason", "u1", (REASON,), "why the last orders were refused"),
     )),
     CStruct("sim_hello", "First message of the simulator.", (
@@ -288,7 +325,8 @@ def log_layouts() -> dict[str, np.dtype]:
 def _header_lines(robot: RobotSpec) -> list[str]:
     """Return the lines of spidar_runner.h without its digest."""
     sizes = {
-        "MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "NAMES": N_NAMES,
+        "MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "MAX_HEADINGS": MAX_HEADINGS,
+        "MAX_EXCITATIONS": MAX_EXCITATIONS, "NAMES": N_NAMES,
         "ORDER_TEXT": ORDER_TEXT, "MOST_ORDERS": MOST_ORDERS, "REASON": REASON, "MAX_GATES": gates.MAX_GATES,
         "DECIDE": DECIDE,
     }  # fmt: skip
@@ -299,6 +337,8 @@ def _header_lines(robot: RobotSpec) -> list[str]:
     lines = [define(name, value) for name, value in sizes.items()]
     lines += [define(f"ORDER_{name}", value, "m, m/s or rad") for name, value in bounds.items()]
     lines += [define(f"MAP_{name}", getattr(gates, name), "m") for name in ("ROOM", "REACH", "FARTHEST")]
+    lines += [define("MOST_EXCITATION", tuple(MOST_EXCITATION.values()), "rad, N")]
+    lines += [define("FASTEST_EXCITATION", FASTEST_EXCITATION, "Hz")]
     lines += [f'#define SP_LOG_MAGIC "{MAGIC}"', ""]
     lines += [line for each in ENUMERATIONS for line in enumeration(each)]
     names, rates = zip(*TOPICS.values(), strict=True)

@@ -12,8 +12,9 @@ from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff, require_order
 from spidar_gym.control.presets import controller_config, crawler_config
+from spidar_gym.errors import require_name
 from spidar_gym.paper.flight import FLIGHT_SECONDS, UNRESTRICTED
-from spidar_gym.robot import FORMS, ROBOT, RobotSpec
+from spidar_gym.robot import FORMS, N_JOINTS, N_LEGS, ROBOT, RobotSpec
 from spidar_gym.tasks.course import CourseTask
 from spidar_gym.tasks.crawl import PAPER_WAY
 from spidar_gym.tasks.hover import HoverTask
@@ -22,6 +23,16 @@ from spidar_gym.tasks.start import draw_start
 PREPARE = 8.0
 """Time from the take-over to the start of the experiment: the legs move from the landing form to form ① [s]."""
 
+HANGING = np.tile([0.0, 1.4, 0.0, 0.0], N_LEGS)
+"""Joint angles of a robot on a stand whose legs hang down, off the limit of the inner pitch joints [rad] [chosen]."""
+BENCH_STEP, BENCH_CHIRP, LEG_SWING = 0.12, 0.03, 0.02
+"""Steps and chirps of the joints on the stand, and their chirps in a hover [rad] [chosen]."""
+THRUST_SWINGS = (8.0, 5.0)
+"""Amplitudes of the swinging thrusts of inner and outer modules, of 20 N a module [N] [chosen]."""
+THRUST_FREQUENCIES = (2.6, 2.85, 3.1, 3.35, 3.6, 3.85, 4.1, 4.35)
+"""Frequency for each module: above the bandwidth of controllers and eddies, below the rotors' lag [Hz] [chosen]."""
+TURNED = 11.0
+"""Time for the second form and the second heading to be reached, and to settle [s]."""
 COURSE_SPEED, COURSE_CRAWL_SPEED = 0.6, 0.2
 """Joint speeds of a course in flight and in crawls [rad/s]; at the paper's 0.2 a change of form takes eight seconds."""
 MAP_SECONDS = 300.0
@@ -52,6 +63,8 @@ class Mission:
     """Orders sent during the run: time since the take-over [s], and the lines."""
     map: Course | None = None
     """Gates and goal of a course whose commands the runner derives; None for a course with given commands."""
+    on_stand: bool = False
+    """Whether the robot is clamped to a stand."""
     speeds: tuple[float, float] = (COURSE_SPEED, COURSE_CRAWL_SPEED)
     """Joint speeds of a course in flight and in crawls [rad/s]."""
 
@@ -62,8 +75,8 @@ class Mission:
 
     @property
     def from_floor(self) -> bool:
-        """Whether the runner takes over on the floor."""
-        return self.way is not None or self.is_course
+        """Whether the runner takes over on the floor, or on a stand."""
+        return self.way is not None or self.is_course or self.on_stand
 
 
 def _form(start: float, q: Iterable[float]) -> str:
@@ -87,6 +100,77 @@ def hover_mission(preset: str = "as_flown", seconds: float = 10.0, *, odometry: 
     controller_config(preset)
     lines = [f"flight {preset}", *_switches(odometry, False), _form(0.0, np.zeros(16)), f"end {seconds:g}", ""]
     return Mission("hover", preset, "\n".join(lines), seconds)
+
+
+def bench_mission(seconds: float = 48.0) -> Mission:
+    """Build the test of the joints on a stand: steps, then a chirp, of one joint after the other, all legs at once.
+
+    Args:
+        seconds: Duration; a quarter for each joint of a leg [s].
+    """
+    part = seconds / N_LEGS
+    lines = ["bench", "deviation 0.3", _form(0.0, HANGING)]
+    for joint in range(N_LEGS):
+        begin = joint * part
+        for share, angle in ((0.04, BENCH_STEP), (0.27, -BENCH_STEP), (0.5, 0.0)):
+            form = HANGING.copy()
+            form[joint::N_LEGS] += angle
+            lines.append(_form(begin + share * part, form))
+        lines += [
+            f"excite joint {N_LEGS * leg + joint + 1} chirp {begin + 0.58 * part:g} {begin + 0.98 * part:g} "
+            f"{BENCH_CHIRP:g} 0.5 4"
+            for leg in range(N_LEGS)
+        ]
+        lines.append(_form(begin + 0.98 * part, HANGING))
+    return Mission("bench", "", "\n".join([*lines, f"end {seconds:g}", ""]), seconds, on_stand=True)
+
+
+def thrust_mission(preset: str = "as_flown", seconds: float = 72.0) -> Mission:
+    """Build the test of the modules in a hover: thrusts that swing at eight frequencies, in two forms and headings.
+
+    Args:
+        preset: Controller preset, best one with little bandwidth.
+        seconds: Duration, half of it in each form [s].
+    """
+    controller_config(preset)
+    half = 0.5 * seconds
+    lines = [f"flight {preset}", "deviation 0.3", _form(0.0, np.zeros(N_JOINTS)), _form(half, FORMS["form2"])]
+    lines += [f"heading {half:g} {0.5 * np.pi:.6f}"]
+    for begin, end in ((PREPARE, half), (half + TURNED, seconds)):
+        for rotor, frequency in enumerate(THRUST_FREQUENCIES):
+            lines.append(f"excite thrust {rotor + 1} sine {begin:g} {end:g} {THRUST_SWINGS[rotor % 2]:g} {frequency:g}")
+    return Mission("thrust", preset, "\n".join([*lines, f"end {seconds:g}", ""]), seconds)
+
+
+def legs_mission(preset: str = "as_flown", seconds: float = 40.0) -> Mission:
+    """Build the test of the legs in a hover: chirps of one joint after the other, all legs at once."""
+    controller_config(preset)
+    part = (seconds - PREPARE) / N_LEGS
+    lines = [f"flight {preset}", "deviation 0.2", _form(0.0, np.zeros(N_JOINTS))]
+    for joint in range(N_LEGS):
+        begin = PREPARE + joint * part
+        lines += [
+            f"excite joint {N_LEGS * leg + joint + 1} chirp {begin:g} {begin + part:g} {LEG_SWING:g} 0.3 2"
+            for leg in range(N_LEGS)
+        ]
+    return Mission("legs", preset, "\n".join([*lines, f"end {seconds:g}", ""]), seconds)
+
+
+def forms_mission(preset: str = "as_flown", seconds: float = 60.0) -> Mission:
+    """Build a hover in each of the paper's forms, a third of the time each."""
+    controller_config(preset)
+    lines = [f"flight {preset}", *(_form(k * seconds / 3, form) for k, form in enumerate(FORMS.values()))]
+    return Mission("forms", preset, "\n".join([*lines, f"end {seconds:g}", ""]), seconds)
+
+
+ROBOT_TESTS = {"bench": bench_mission, "thrust": thrust_mission, "legs": legs_mission, "forms": forms_mission}
+"""Tests of the robot, by name: functions that build their missions."""
+
+
+def robot_test(name: str, preset: str = "as_flown") -> Mission:
+    """Build a test of the robot by name (`UnknownNameError` lists the valid ones); on the bench there is no preset."""
+    require_name("test", name, ROBOT_TESTS)
+    return bench_mission() if name == "bench" else ROBOT_TESTS[name](preset)
 
 
 def crawl_mission(

@@ -60,6 +60,9 @@ def make_robot(mission: Mission, seed: int = 0, robots: Randomization = NOT_SAMP
     rng = np.random.Generator(np.random.PCG64(seed))
     if not mission.from_floor:
         return Robot(randomize(PlantConfig(), rng, robots)[0] if robots.draws else noisy_robot(rng), seed=seed)
+    if mission.on_stand:
+        config = randomize(PlantConfig(), rng, robots)[0] if robots.draws else noisy_robot(rng)
+        return Robot(config, on_stand=True, seed=seed)
     config = crawler_config(mission.crawler or mission.preset)
     speed = max(mission.speeds) if mission.is_course else config.joint_speed
     return Robot(course_robot(mission, rng, robots), crawls=True, gait=config.gait, joint_speed=speed, seed=seed)

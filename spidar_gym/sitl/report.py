@@ -1,6 +1,7 @@
 """Figures of a run with the simulated robot: those of the paper's experiments, and the table of faults."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -206,6 +207,44 @@ def crawl_log(run: Run, log: RunnerLog, mission: Mission) -> CrawlLog:
         goal_error=off[-1],
         info=info,
     )
+
+
+def robot_test_figures(run: Run, log: RunnerLog) -> dict[str, Any]:
+    """Compute the figures of a test of the robot: its time, what it moved, and whether it was ended early.
+
+    Returns:
+        `seconds`; `deviation_rad`, the largest difference of an estimated joint angle from its command;
+        `joint_rate_rad_s`, the largest true one; `tilt_rad`; `off_m`, the largest distance of the torso from where the
+        test began; `aborted`, whether the runner ended its excitations; `landed`, whether the board landed the robot.
+    """
+    drive = log.outputs[np.isin(log.outputs["stage"], (Stage.DRIVING, Stage.RESTING))]
+    off = np.abs(drive["state"]["joint_position"] - drive["command"]["joint_position"])
+    rows = [row for row in run.rows if run.first_driven < row.time <= run.first_driven + drive["mission_time"].max()]
+    places = np.array([row.state.position_w for row in rows])
+    return {
+        "seconds": float(drive["mission_time"].max()),
+        "deviation_rad": float(off.max()),
+        "joint_rate_rad_s": float(max(np.abs(row.state.joint_velocity).max() for row in rows)),
+        "tilt_rad": max(row.tilt for row in rows),
+        "off_m": float(np.linalg.norm(places - places[0], axis=1).max()),
+        "aborted": bool(log.outputs["aborted"].any()),
+        "landed": bool(run.board),
+    }
+
+
+def robot_test_table(tests: Mapping[str, Mapping[str, Any]]) -> str:
+    """Format the table of tests of the robot."""
+    lines = [("test", "time [s]", "joint off its command [mrad]", "joint rate [rad/s]", "tilt [mrad]",
+            "torso moved [mm]", "ended early")]  # fmt: skip
+    lines += [
+        (
+            name, f"{t['seconds']:.1f}", f"{1e3 * t['deviation_rad']:.0f}", f"{t['joint_rate_rad_s']:.2f}",
+            f"{1e3 * t['tilt_rad']:.0f}", f"{1e3 * t['off_m']:.0f}",
+            "landing forced" if t["landed"] else "yes" if t["aborted"] else "no",
+        )
+        for name, t in tests.items()
+    ]  # fmt: skip
+    return format_table(lines)
 
 
 def timing(log: RunnerLog) -> dict[str, float]:

@@ -18,6 +18,7 @@ from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.sensors import IMU_POSITION_B
 from spidar_gym.sitl.board import Board
 from spidar_gym.sitl.messages import STATE_NAMES, Message
+from spidar_gym.sitl.missions import HANGING
 from spidar_gym.sitl.stack import LANDING_FORM, Stack
 from spidar_gym.so3 import cross, euler_angles, quat_to_matrix
 from spidar_gym.state import Command, Measurement
@@ -28,6 +29,8 @@ TICK = 5
 """Steps per tick of the flight stack: 40 Hz."""
 ODOMETRY = 2
 """Steps between two estimates of the flight stack: 100 Hz."""
+STAND = np.array([0.0, 0.0, 1.5])
+"""Origin of the torso of a robot on a stand: hanging legs do not reach the floor [m] [chosen]."""
 SETPOINTS = {
     "gimbals_ctrl": ("vectoring", GIMBAL_NAMES, "position", -math.inf, math.inf),
     "joints_ctrl": ("joints", JOINT_NAMES, "position", -ROBOT.joint_limit, ROBOT.joint_limit),
@@ -44,26 +47,32 @@ class Robot:
         plant: PlantConfig | None = None,
         *,
         crawls: bool = False,
+        on_stand: bool = False,
         gait: GaitConfig | None = None,
         joint_speed: float = ROBOT.joint_speed,
         seed: int = 0,
     ) -> None:
-        """Place the robot on the floor.
+        """Place the robot on the floor, or clamp it to a stand.
 
         Args:
             plant: The plant; the described robot with real sensors by default.
             crawls: Whether the robot starts for the ground, lying in the gait's first pose.
+            on_stand: Whether its torso is clamped to a stand, legs hanging; it never takes off.
             gait: Gait that defines this pose.
             joint_speed: Largest speed of the joint servos [rad/s].
             seed: Seed of the noise.
         """
         config = replace(plant or PlantConfig(), substeps=IMU_STEPS, sense=True, joint_speed=joint_speed)
+        if on_stand:  # rotors that stand still have no unsteady inflow
+            config = replace(config, actuators=replace(config.actuators, thrust_noise=0.0))
         self.plant = Plant(config)
-        self.board, self.stack, self.model = Board(), Stack(crawls), Model()
-        form = lying_pose(gait or GaitConfig()) if crawls else LANDING_FORM
-        ground = config.ground
+        self.board, self.stack, self.model = Board(), Stack(crawls or on_stand), Model()
+        form = HANGING if on_stand else lying_pose(gait or GaitConfig()) if crawls else LANDING_FORM
+        place = STAND if on_stand else config.ground.R_wf @ np.array([0.0, 0.0, ROBOT.peg_depth])
+        if on_stand:
+            self.plant.clamp(STAND)
         self.state = self.plant.reset(
-            ground.R_wf @ np.array([0.0, 0.0, ROBOT.peg_depth]),
+            place,
             joint_position=form,
             rng=np.random.Generator(np.random.PCG64(seed)),
         )

@@ -20,11 +20,11 @@ from spidar_gym.sitl.play import play
 WAITING, DRIVING, HOLDING, LANDING, RELEASED, ENDING, RESTING = range(7)
 SILENT, PUBLISH, FORCE_LANDING = range(3)
 (FINE, LATE, NO_STATE, NO_POSE, NO_IMU, NO_JOINTS, NOT_FINITE, OUT_OF_RANGE, OUT_OF_ORDER, JUMPED, TILTED, OUTSIDE,
- CONTENDED, NO_ALLOCATION, BAD_COMMAND, LOW_BATTERY) = range(16)  # fmt: skip
+ CONTENDED, NO_ALLOCATION, BAD_COMMAND, LOW_BATTERY, STRAINED) = range(17)  # fmt: skip
 HOLD, LAND = 4, 10
 """Ticks."""
 ARM_ON, HOVER, LOW = 2, 5, 16
-FLIGHT, CRAWL, COURSE = range(3)
+FLIGHT, CRAWL, COURSE, BENCH = range(4)
 NOTHING, TAKEN, REFUSED = range(3)
 NAMES = (*JOINT_NAMES, *GIMBAL_NAMES)
 TOPICS = ("joint_states", "imu", "mocap/pose", "uav/cog/odom", "flight_state")
@@ -151,13 +151,16 @@ def said(*words):
 
 def junk(rng):
     """A random mission of valid words, numbers and rubbish."""
-    words = ["flight", "crawl", "course", "crawl_to", "take_off", "fly_to", "land", "gate", "goal", "wall", "beam",
+    words = ["flight", "crawl", "course", "bench", "heading", "excite", "joint", "thrust", "sine", "chirp", "square",
+             "deviation", "torque", "crawl_to", "take_off", "fly_to", "land", "gate", "goal", "wall", "beam",
              "slot", "tiles", "along", "room", "form", "move",
              "unrestricted", "estimate", "residual", "fence", "ages", "settle",
              "tilt", "speed", "end", "paper", "robust", "tuned", "odometry", "on", "0", "1", "-1", "1e300", "-1e-300",
              "nan", "0.1", "inf", "0x1p3", "#", "\t", "\r", "…", "2147483648", "%s%n", ZEROS]  # fmt: skip
     map_ = ["course tuned robust", "gate wall 2.3 2.5 0.5", "goal 4.1 0 0"]
-    head = [["flight paper"], ["crawl published"], ["course tuned robust", "take_off 1"], map_, []][rng.integers(5)]
+    swings = ["flight paper", "excite thrust 3 sine 0 4 6 1.5", "excite joint 2 chirp 0 4 0.02 0.5 2", "heading 0 1"]
+    heads = [["flight paper"], ["crawl published"], ["course tuned robust", "take_off 1"], map_, swings, []]
+    head = heads[rng.integers(6)]
     lines = [" ".join(rng.choice(words, rng.integers(0, 26))) for _ in range(rng.integers(0, 12))]
     if rng.random() < 0.5:
         lines = ["move " + " ".join(rng.choice(["1e300", "0.2", "-1e9", "3", "0", "1e-300"], 4)) for _ in range(3)]

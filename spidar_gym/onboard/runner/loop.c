@@ -3,6 +3,7 @@
 #include "spidar_math.h"
 #include "spidar_model.h"
 
+#define TURN_RATE 0.2 /* of the reference's heading [rad/s] */
 #define CONTENTION 0.5 /* time allowed for the robot's own stack to stop commanding [s] */
 #define TRIM_SECONDS 0.5
 
@@ -40,7 +41,7 @@ const char *sp_loop_init(sp_loop *l, const sp_mission *mission)
     int fits = mission->kind == SP_MISSION_CRAWL ? kind == SP_POLICY_CRAWL : mission->kind == SP_MISSION_FLIGHT && flies;
     if (mission->residual && !fits)
         return "there is no residual for this mission; valid: residual off, or an export with --residual of its kind";
-    if (mission->kind == SP_MISSION_FLIGHT) return NULL;
+    if (mission->kind == SP_MISSION_FLIGHT || mission->kind == SP_MISSION_BENCH) return NULL;
     if (mission->kind == SP_MISSION_COURSE) return sp_course_init(l);
     sp_robot_state nominal;
     memset(&nominal, 0, sizeof nominal);
@@ -97,6 +98,10 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     sp_from_quat(x->quat_wb, R);
     double yaw = atan2(R[3], R[0]);
     if (l->mission.kind == SP_MISSION_COURSE) return sp_course_begin(l, x) == NULL;
+    if (l->mission.kind == SP_MISSION_BENCH) {
+        sp_bench_begin(l, x);
+        return 1;
+    }
     if (l->mission.kind == SP_MISSION_CRAWL) {
         if (!begin_crawl(l, x)) return 0;
         const sp_pose2 goal = l->crawl.gait.planned;
@@ -107,25 +112,65 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     sp_snapshot_at(&SP_ROBOT, x->joint_position, R, x->vectoring, &snapshot);
     sp_apply(R, snapshot.com_b, lever);
     memset(r, 0, sizeof *r);
+    l->first_yaw = l->yaw = yaw;
     r->quat_wb[0] = cos(0.5 * yaw);
     r->quat_wb[3] = sin(0.5 * yaw);
     for (int i = 0; i < 3; i++) r->position_w[i] = x->position_w[i] + lever[i];
     sp_copy(r->joint_target, x->joint_position, SP_JOINTS);
+    sp_copy(l->form, x->joint_position, SP_JOINTS);
     sp_flight_reset(&SP_ROBOT, &l->flight, x, x->joint_position, l->has_trim ? l->trim : NULL);
     return 1;
+}
+
+void sp_next_form(sp_loop *l, double t)
+{
+    const sp_mission *m = &l->mission;
+    for (int k = 0; k < m->form_count && !l->aborted; k++)
+        if (t >= m->forms[k].start - 1e-9) sp_copy(l->form, m->forms[k].joint_target, SP_JOINTS);
+    sp_copy(l->reference.joint_target, l->form, SP_JOINTS);
+    if (!l->aborted) sp_excite(m, SP_EXCITED_JOINT, t, l->reference.joint_target);
+    for (int j = 0; j < SP_JOINTS; j++)
+        l->reference.joint_target[j] = sp_clip(l->reference.joint_target[j], -SP_ROBOT.joint_limit, SP_ROBOT.joint_limit);
+    l->finished = l->finished || (m->end > 0.0 && t >= m->end);
+}
+
+/* Turn the reference's heading towards that of the mission at a time. */
+static void turn(sp_loop *l, double t)
+{
+    const sp_mission *m = &l->mission;
+    double way = TURN_RATE / SP_CONTROL_RATE, target = l->first_yaw;
+    if (m->heading_count == 0 || l->aborted) return;
+    for (int k = 0; k < m->heading_count; k++)
+        if (t >= m->headings[k].start - 1e-9) target = l->first_yaw + m->headings[k].yaw;
+    double step = sp_clip(target - l->yaw, -way, way);
+    l->yaw += step;
+    l->reference.quat_wb[0] = cos(0.5 * l->yaw);
+    l->reference.quat_wb[3] = sin(0.5 * l->yaw);
+    l->reference.omega_b[2] = step * SP_CONTROL_RATE;
 }
 
 /* Set the reference of a flight mission at a time. */
 static void update_reference(sp_loop *l, double t)
 {
     const sp_mission *m = &l->mission;
-    for (int k = 0; k < m->form_count; k++)
-        if (t >= m->forms[k].start - 1e-9) sp_copy(l->reference.joint_target, m->forms[k].joint_target, SP_JOINTS);
+    if (!l->aborted && sp_is_strained(l)) { /* the robot hovers in the form that it has */
+        l->aborted = l->finished = 1;
+        sp_copy(l->form, l->command.joint_position, SP_JOINTS);
+    }
+    sp_next_form(l, t);
+    turn(l, t);
     l->reference.mode = SP_REFERENCE_MODE_FLIGHT;
     for (int k = 0; k < m->window_count; k++)
         if (t >= m->windows[k].start - 1e-9 && t < m->windows[k].end - 1e-9)
             l->reference.mode = SP_REFERENCE_MODE_FLIGHT_UNRESTRICTED;
-    l->finished = l->finished || (m->end > 0.0 && t >= m->end);
+}
+
+/* Add the mission's excitations to the thrusts of a command, within what the modules deliver. */
+static void excite_thrust(const sp_loop *l, double t, sp_command *command)
+{
+    if (l->mission.excitation_count == 0 || l->aborted) return;
+    sp_excite(&l->mission, SP_EXCITED_THRUST, t, command->thrust);
+    for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] = sp_clip(command->thrust[i], 0.0, SP_ROBOT.max_thrust);
 }
 
 /* Write the preview of the mission's forms for the policy. */
@@ -180,7 +225,11 @@ static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
         l->answer.phase = l->crawl.gait.phase;
         l->answer.timeouts = l->crawl.gait.timeouts;
     } else {
-        fly(l, input->time - l->taken_over, &command);
+        double t = input->time - l->taken_over;
+        fly(l, t, &command);
+        excite_thrust(l, t, &command);
+        for (int j = 0; j < SP_JOINTS; j++)
+            command.joint_torque_limit[j] = sp_min(command.joint_torque_limit[j], l->mission.limits.torque);
         a = &l->flight.allocation;
     }
     sp_copy(l->answer.policy_action, l->policy.action, SP_MAX_ACTION);
@@ -225,6 +274,8 @@ static void next_stage(sp_loop *l, const sp_loop_input *input, sp_fault fault)
         if (sees && input->has_thrust && input->time - l->taken_over > CONTENTION) fault = SP_CONTENDED;
         if (course) {
             sp_course_tick(l, input, fault);
+        } else if (l->mission.kind == SP_MISSION_BENCH) {
+            sp_bench_tick(l, input, fault);
         } else {
             if (fault == SP_FINE) fault = control_tick(l, input);
             sp_hold(l, input->time, fault);
@@ -249,6 +300,7 @@ void sp_loop_tick(sp_loop *l, const sp_loop_input *input, sp_loop_output *output
     a->fault = l->fault;
     a->action = drives(l->stage) ? SP_PUBLISH : l->stage == SP_LANDING ? SP_FORCE_LANDING : SP_SILENT;
     a->finished = l->finished;
+    a->aborted = l->aborted;
     a->manager_phase = l->manager.memory.phase;
     a->to_do = l->manager.count;
     a->mission_time = l->stage == SP_WAITING ? 0.0 : input->time - l->taken_over;

@@ -17,9 +17,9 @@ typedef struct {
 static const preset CONTROLLERS[] = {SP_CONTROLLER_PRESETS(ROW)};
 static const preset CRAWLERS[] = {SP_CRAWLER_PRESETS(ROW)};
 
-static const char NO_KIND[] = "flight PRESET, crawl PRESET or course FLIGHT CRAWL first";
+static const char NO_KIND[] = "flight PRESET, crawl PRESET, course FLIGHT CRAWL or bench first";
 static const sp_limits LIMITS = {
-    1.0, 0.2, 0.1, 0.15, 0.5, 0.1, 0.6, {-3.0, -3.0, -0.2}, {3.0, 3.0, 3.0}, 4, 10,
+    1.0, 0.2, 0.1, 0.15, 0.5, 0.1, 0.6, 0.0, HUGE_VAL, {-3.0, -3.0, -0.2}, {3.0, 3.0, 3.0}, 4, 10,
 };
 
 static const void *find(const preset *presets, size_t count, const char *name)
@@ -58,6 +58,10 @@ static const char *read_move(sp_mission *m, char **words, int count)
 
 static const char *read_kind(sp_mission *m, char **words, int count)
 {
+    if (strcmp(words[0], "bench") == 0) {
+        m->kind = SP_MISSION_BENCH;
+        return count == 1 ? NULL : "bench alone";
+    }
     const int course = strcmp(words[0], "course") == 0, flies = course || strcmp(words[0], "flight") == 0;
     const int crawls = course || !flies, whole = count == 2 + course;
     const void *controller = find(CONTROLLERS, sizeof CONTROLLERS / sizeof *CONTROLLERS, whole ? words[1] : "");
@@ -125,12 +129,26 @@ static const char *read_limit(sp_mission *m, char **words, int count)
         m->controller.joint_speed = v[0], m->crawler.joint_speed = v[1];
         return NULL;
     }
-    if (!sp_numbers(words, count, 1, v)) return "one number after settle, tilt, end";
+    if (!sp_numbers(words, count, 1, v)) return "one number after settle, tilt, deviation, torque, end";
     if (strcmp(name, "settle") == 0) l->settle = v[0];
     else if (strcmp(name, "tilt") == 0) l->tilt = v[0];
+    else if (strcmp(name, "deviation") == 0) l->deviation = v[0];
+    else if (strcmp(name, "torque") == 0) l->torque = v[0];
     else m->end = v[0];
     if (!(v[0] > 0.0)) return "a number above 0";
     return l->tilt <= 1.0 ? NULL : "tilt within 0 … 1 rad: beyond that the flight controller lands the robot";
+}
+
+static const char *read_heading(sp_mission *m, char **words, int count)
+{
+    double v[2], last = m->heading_count > 0 ? m->headings[m->heading_count - 1].start : 0.0;
+    if (m->kind != SP_MISSION_FLIGHT) return "heading for a flight";
+    if (!sp_numbers(words, count, 2, v) || !(v[0] >= last)) return "heading SECONDS YAW [rad], in the order of their times";
+    if (!(fabs(v[1]) <= SP_PI)) return "headings within ± 3.14159 rad of that at the take-over";
+    if (m->heading_count == SP_MAX_HEADINGS) return "at most 16 headings";
+    m->headings[m->heading_count].start = v[0];
+    m->headings[m->heading_count++].yaw = v[1];
+    return NULL;
 }
 
 static const char *read_window(sp_mission *m, char **words, int count)
@@ -147,10 +165,12 @@ static const struct {
     const char *word;
     const char *(*read)(sp_mission *, char **, int);
 } LINES[] = {
-    {"flight", read_kind}, {"crawl", read_kind}, {"course", read_kind}, {"form", read_form}, {"move", read_move},
-    {"gate", sp_read_gate}, {"goal", sp_read_goal}, {"crawl_to", read_order}, {"take_off", read_order}, {"fly_to", read_order}, {"land", read_order},
-    {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch}, {"fence", read_limit},
-    {"ages", read_limit}, {"settle", read_limit}, {"tilt", read_limit}, {"speed", read_limit}, {"end", read_limit},
+    {"flight", read_kind}, {"crawl", read_kind}, {"course", read_kind}, {"bench", read_kind}, {"form", read_form},
+    {"heading", read_heading}, {"excite", sp_read_excitation}, {"move", read_move}, {"gate", sp_read_gate},
+    {"goal", sp_read_goal}, {"crawl_to", read_order}, {"take_off", read_order}, {"fly_to", read_order},
+    {"land", read_order}, {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch},
+    {"fence", read_limit}, {"ages", read_limit}, {"settle", read_limit}, {"tilt", read_limit},
+    {"deviation", read_limit}, {"torque", read_limit}, {"speed", read_limit}, {"end", read_limit},
 };
 
 /* Read a line; returns NULL, or what would have been valid. `kinds` counts lines with flight, crawl or course. */
@@ -163,10 +183,10 @@ static const char *read_line(sp_mission *m, char *line, int *kinds)
     if (count == 0) return NULL;
     while (k < sizeof LINES / sizeof *LINES && strcmp(words[0], LINES[k].word) != 0) k++;
     if (k == sizeof LINES / sizeof *LINES)
-        return "flight, crawl, course, form, move, crawl_to, take_off, fly_to, land, gate, goal, unrestricted, estimate, "
-               "residual, fence, ages, settle, tilt, speed, end";
+        return "flight, crawl, course, bench, form, heading, excite, move, crawl_to, take_off, fly_to, land, gate, goal, "
+               "unrestricted, estimate, residual, fence, ages, settle, tilt, deviation, torque, speed, end";
     *kinds += LINES[k].read == read_kind;
-    if (*kinds > 1) return "one flight, crawl or course";
+    if (*kinds > 1) return "one flight, crawl, course or bench";
     const char *valid = LINES[k].read(m, words, count);
     return valid == NULL && *kinds == 0 ? NO_KIND : valid;
 }
@@ -194,9 +214,10 @@ int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
         text += length + (text[length] != 0);
     }
     if (valid == NULL && kinds == 0) valid = NO_KIND;
-    int flies = m->form_count + m->window_count > 0 || m->end > 0.0, crawls = m->move_count > 0;
-    if (valid == NULL && ((m->kind != SP_MISSION_FLIGHT && flies) || (m->kind != SP_MISSION_CRAWL && crawls)))
-        valid = "form, unrestricted, end for a flight; move for a crawl";
+    int flies = m->kind == SP_MISSION_FLIGHT, moves = m->form_count > 0 || m->end > 0.0;
+    if (valid == NULL && ((!flies && m->window_count > 0) || (!flies && m->kind != SP_MISSION_BENCH && moves) ||
+                          (m->kind != SP_MISSION_CRAWL && m->move_count > 0)))
+        valid = "form, end for a flight or a bench test; unrestricted for a flight; move for a crawl";
     if (valid == NULL) valid = sp_refuse_map(m);
     if (valid == NULL) return 1;
     snprintf(reason, size, "mission, line %d; valid: %s", number_of_line, valid);

@@ -71,6 +71,15 @@ static const char *replay_controller(FILE *in, FILE *out, sp_recorded *recorded)
 
 static int within(int32_t count, int32_t most) { return count >= 0 && count <= most; }
 
+/* Whether the excitations of a log name joints and modules that exist. */
+static int known_excitations(const sp_mission *m)
+{
+    for (int k = 0; k < m->excitation_count; k++)
+        if (!within(m->excitations[k].index, m->excitations[k].excited == SP_EXCITED_JOINT ? SP_JOINTS - 1 : SP_ROTORS - 1))
+            return 0;
+    return 1;
+}
+
 /* Replay a run; counts its ticks, and those that differ. The same runner reproduces the log byte for byte. */
 static const char *replay_run(FILE *in, FILE *out, const sp_log_head *head, int *ticks, int *differ)
 {
@@ -81,7 +90,8 @@ static const char *replay_run(FILE *in, FILE *out, const sp_log_head *head, int 
     sp_log_clock clock;
     if (!READ(mission) || !within(mission.form_count, SP_MAX_FORMS) || !within(mission.window_count, SP_MAX_WINDOWS) ||
         !within(mission.move_count, SP_MAX_MOVES) || !within(mission.order_count, SP_MAX_WAYPOINTS) ||
-        !within(mission.map.count, SP_MAX_GATES))
+        !within(mission.heading_count, SP_MAX_HEADINGS) || !within(mission.excitation_count, SP_MAX_EXCITATIONS) ||
+        !within(mission.map.count, SP_MAX_GATES) || !known_excitations(&mission))
         return ENDS_EARLY;
     if (sp_loop_init(&loop, &mission) != NULL) return IMPOSSIBLE;
     if (!WRITE(*head) || !WRITE(mission)) return UNWRITABLE;

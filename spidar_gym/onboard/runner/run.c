@@ -98,10 +98,13 @@ void sp_run_tick(sp_run *run, const sp_loop_input *input, sp_loop_output *output
     if (output->heard == SP_HEARD_TAKEN) fprintf(stderr, "runner: %.3f s: orders taken\n", input->time);
     if (output->heard == SP_HEARD_REFUSED)
         fprintf(stderr, "runner: %.3f s: orders refused; valid: %s\n", input->time, run->loop.reason);
+    if (output->aborted && !run->aborted)
+        fprintf(stderr, "runner: %.3f s: the excitations are ended: a joint is too far from its command\n", input->time);
     if (output->finished && !run->finished) fprintf(stderr, "runner: %.3f s: the mission is over\n", input->time);
     run->stage = output->stage;
     run->phase = output->manager_phase;
     run->finished = output->finished;
+    run->aborted = output->aborted;
     if (output->fault != SP_FINE) run->fault = output->fault;
     int whole = run->log == NULL || run->ticks > 1 || begin_log(run);
     run->lost |= !whole;

@@ -20,6 +20,11 @@ int sp_numbers(char **words, int count, int n, double *values); /* words 1 … n
 /* mission.c: read a mission's text; returns 1, or 0 and a sentence with what would have been valid. */
 int sp_read_mission(const char *text, sp_mission *mission, char *reason, size_t size);
 
+/* excite.c: signals that are added to a hover or on a bench, to identify the robot. */
+const char *sp_read_excitation(sp_mission *mission, char **words, int count); /* what would have been valid, or NULL */
+void sp_excite(const sp_mission *mission, sp_excited excited, double t, double *values); /* add those at a time [s] */
+int sp_is_strained(const sp_loop *loop); /* whether a joint is farther from its command than the mission allows */
+
 /* orders.c: orders for the manager of both gaits. Functions return what would have been valid, or NULL if all is. */
 int sp_is_order(const char *word);
 const char *sp_read_order(const sp_mission *mission, char **words, int count, sp_waypoint *order);
@@ -56,6 +61,7 @@ sp_fault sp_answer(sp_loop *loop, const sp_allocation *allocation, const sp_comm
 /* loop.c: the runner's tick: check the input, estimate, control, stop. A pure function of its inputs. */
 const char *sp_loop_init(sp_loop *loop, const sp_mission *mission); /* NULL, or why the mission is refused */
 void sp_loop_tick(sp_loop *loop, const sp_loop_input *input, sp_loop_output *output);
+void sp_next_form(sp_loop *loop, double t); /* the mission's target of the joints, with excitations, at a time [s] */
 const char *sp_fault_words(int32_t fault);
 const char *sp_stage_words(int32_t stage);
 
@@ -66,6 +72,10 @@ void sp_course_tick(sp_loop *loop, const sp_loop_input *input, sp_fault fault);
 int sp_sees_with(sp_fault fault); /* whether the state is still valid: then the manager brings the robot to rest */
 void sp_say_why(sp_loop *loop, const char *why); /* refuse the orders that came */
 const char *sp_phase_words(int32_t manager_phase);
+
+/* bench_drive.c: tick of a bench test: joints of a robot that is clamped to a stand, without thrust. */
+void sp_bench_begin(sp_loop *loop, const sp_robot_state *state);
+void sp_bench_tick(sp_loop *loop, const sp_loop_input *input, sp_fault fault);
 
 /* room.c: workspace of the program. */
 sp_room *sp_own_room(void);
@@ -86,7 +96,7 @@ typedef struct {
     sp_loop loop;
     FILE *log; /* NULL without a log */
     const char *path; /* of the log */
-    int32_t ticks, late, stage, fault, finished, phase, lost; /* lost: the log is incomplete */
+    int32_t ticks, late, stage, fault, finished, aborted, phase, lost; /* lost: the log is incomplete */
     double worst, worst_wait;      /* of a tick's computing time, of a tick's delay [us] */
     int32_t times[SP_BINS], waits[SP_BINS]; /* histograms, 10 us a bin */
 } sp_run;
