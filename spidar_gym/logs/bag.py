@@ -59,9 +59,12 @@ def _indexed(reader: Any, path: Path) -> Collected:  # noqa: ANN401 - a class
     with reader(path) as bag:
         for c in bag.connections:
             kind = c.msgtype.replace("/msg/", "/")
-            text = c.msgdef if isinstance(c.msgdef, str) else c.msgdef.data  # a text before rosbags 0.11
-            found.channels[c.id] = c.topic, kind, text, True, {}
-        for connection, time, data in bag.messages():
+            text = c.msgdef if isinstance(c.msgdef, str) else c.msgdef.data  # a text before rosbags 0.10.10
+            found.add_channel(c.id, c.topic, kind, text, {})
+            if c.id in found.skipped:  # of cameras, for example, nothing is read
+                found.skipped[c.id] = c.msgcount
+        wanted = [c for c in bag.connections if c.id not in found.skipped]
+        for connection, time, data in bag.messages(wanted) if wanted else ():
             found.add(connection.id, time, bytes(data))
     return found
 
@@ -77,8 +80,7 @@ def _scanned(path: Path) -> Collected:
         try:
             header, body, end = _record(data, at)
             if header.get(b"op") == _CHUNK:
-                lost += not _take_all(_decompressed(header, body), found)
-                lost += end > len(data)
+                lost += not _take_all(_decompressed(header, body), found) or end > len(data)
             else:
                 _take(header, body, found)
         except (ValueError, KeyError, EOFError, OSError, RuntimeError, struct.error):
@@ -90,9 +92,7 @@ def _scanned(path: Path) -> Collected:
     if count:
         found.warnings.append(f"{count} messages are of connections that the bag does not describe: left out")
     if lost:
-        found.warnings.append(
-            f"{lost} parts of the bag are damaged or cut: what follows the damage in them is left out"
-        )
+        found.warnings.append(f"damaged or cut parts of the bag: {lost}; what follows the damage in them is left out")
     return found
 
 
@@ -173,10 +173,10 @@ def _take(header: dict[bytes, bytes], body: bytes, found: Collected) -> None:
     if header[b"op"] == _CONNECTION:
         (channel,) = struct.unpack("<I", header[b"conn"])
         about = _fields(body)
-        found.channels[channel] = (
-            header[b"topic"].decode(errors="replace"), about[b"type"].decode(errors="replace"),
-            about[b"message_definition"].decode(errors="replace"), True, {},
-        )  # fmt: skip
+        topic, kind, text = (
+            each.decode(errors="replace") for each in (header[b"topic"], about[b"type"], about[b"message_definition"])
+        )
+        found.add_channel(channel, topic, kind, text, {})
     elif header[b"op"] == _MESSAGE:
         (channel,), (seconds, rest) = struct.unpack("<I", header[b"conn"]), struct.unpack("<II", header[b"time"])
         found.add(channel, SECOND * seconds + rest, body)

@@ -1,5 +1,6 @@
 """Description of a record: a table of its topics, its events, and what could not be read."""
 
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,8 @@ def record_table(record: Record) -> str:
     """Format a record for a terminal."""
     facts = record_facts(record)
     about = ", ".join(f"{name} {value}" for name, value in record.properties.items())
-    lines = [f"kind {record.kind}, {facts['duration_s']:.3f} s{f', {about}' if about else ''}", ""]
+    begun = f" from {datetime.fromtimestamp(record.epoch, UTC):%Y-%m-%d %H:%M:%S} UTC" if record.epoch else ""
+    lines = [f"kind {record.kind}, {facts['duration_s']:.3f} s{begun}{f', {about}' if about else ''}", ""]
     rows = [("topic", "type", "messages", "rate [Hz]", "largest gap [s]")]
     columns = []
     for topic, each in facts["topics"].items():

@@ -31,6 +31,8 @@ _FRONT, _FOOTER = 9, 9 + 20
 """Sizes of the front of a record, and of the last record [byte]."""
 MOST_CHUNK = 2**30
 """Largest size of a chunk [byte]; writers make chunks of about 1 MB."""
+_MOST_TIME = 2**63 - 1
+"""Latest time that NumPy can hold [ns]."""
 _PIECE = 5000
 """Messages between two calls for progress."""
 
@@ -121,12 +123,14 @@ class Collected:
         """Start without messages."""
         self.schemas: dict[int, Any] = {}
         """Id of a schema → schema of an MCAP."""
-        self.channels: dict[int, tuple[str, str, str, bool, Mapping[str, str]]] = {}
-        """Id of a channel → topic, type, definition, whether it is of ROS 1, metadata."""
+        self.channels: dict[int, tuple[str, str, str, Mapping[str, str]]] = {}
+        """Id of a channel → topic, type, definition, metadata."""
         self.messages: dict[int, list[bytes]] = {}
         """Id of a channel → messages."""
         self.times: dict[int, list[int]] = {}
         """Id of a channel → times of receipt, since 1970 [ns]."""
+        self.skipped: dict[int, int] = {}
+        """Id of a channel that no record can hold → number of its messages."""
         self.facts: dict[str, str] = {}
         """Metadata that this module wrote."""
         self.attachments: dict[str, bytes] = {}
@@ -134,10 +138,19 @@ class Collected:
         self.warnings: list[str] = []
         """What could not be read."""
 
+    def add_channel(self, channel: int, topic: str, kind: str, text: str, about: Mapping[str, str]) -> None:
+        """Add a channel: topic, ROS type, definition (empty for other messages than ROS 1's), metadata."""
+        self.channels[channel] = topic, kind, text, about
+        if not any(topic.endswith(f"/{name}") for name in FORMATS):
+            self.skipped.setdefault(channel, 0)
+
     def add(self, channel: int, time: int, data: bytes) -> None:
-        """Add a message."""
-        self.messages.setdefault(channel, []).append(data)
-        self.times.setdefault(channel, []).append(time)
+        """Add a message; of channels that no record can hold, only the number is kept."""
+        if channel in self.skipped:
+            self.skipped[channel] += 1
+        else:
+            self.messages.setdefault(channel, []).append(data)
+            self.times.setdefault(channel, []).append(min(time, _MOST_TIME))
 
 
 def read_mcap(path: Path, *, namespace: str = NAMESPACE) -> Record:
@@ -200,26 +213,31 @@ def assemble(
     if epoch is None:
         epoch = min((min(times) for times in found.times.values() if times), default=0) // SECOND
     parts = dict[str, list[Series]]()
-    for channel, messages in found.messages.items():
-        topic, type_, text, is_ros1, about = found.channels[channel]
+    counts = {channel: len(messages) for channel, messages in found.messages.items()} | found.skipped
+    for channel, count in counts.items():
+        topic, type_, text, about = found.channels[channel]
         front = f"{namespace.rstrip('/')}/"
         form, own = FORMATS.get(topic[len(front) :]) if topic.startswith(front) else None, None
-        if form is not None and is_ros1:
+        if form is not None and (text or not form.columns):
             # A file that this module wrote names the columns of the series; other messages have all of them.
             named = [name.removeprefix("unit.") for name in about if name.startswith("unit.")]
             only = named if "contents" in about else None
             try:
                 own = to_series(
-                    form, parse(type_, text), messages, np.array(found.times[channel], np.int64), epoch, only
+                    form,
+                    parse(type_, text),
+                    found.messages[channel],
+                    np.array(found.times[channel], np.int64),
+                    epoch,
+                    only,
                 )
             except (MessageError, KeyError, RecursionError) as error:
                 told.append(f"{topic} cannot be read: {error}")
-        if own is None or (form is not None and form.columns and not own[0].values):
-            known = others.get(topic, Other(type_, 0))
-            others[topic] = Other(type_, known.count + len(messages))
-        else:
+        if own is not None and (own[0].values or not own[0].format.columns):
             told += own[1]
             parts.setdefault(own[0].topic, []).append(own[0])
+        elif count:
+            others[topic] = Other(type_, others.get(topic, Other(type_, 0)).count + count)
     series = ordered({topic: _joined(own) for topic, own in parts.items()})
     return Record(kind, series, epoch, properties, tuple(told), dict(sorted(others.items())), found.attachments)
 
@@ -265,16 +283,19 @@ def _collect(library: Any, data: bytes, found: Collected) -> None:  # noqa: ANN4
         end = min([at + _FRONT + length, *(start for start in starts if start > at)])
         ended = ended or opcode == kinds.DATA_END
         try:
-            if end != at + _FRONT + length or end > len(data):
-                raise BorderError("the record is too long")
-            for record in _records(library, opcode, data[at + _FRONT : end]):
+            whole_record = end == at + _FRONT + length <= len(data)
+            if not whole_record and opcode != kinds.CHUNK:
+                raise BorderError("the record is cut")
+            body = data[at + _FRONT : end]
+            for record in _records(library, opcode, body) if whole_record else _cut_chunk(library, body):
                 _take(library, record, found)
+            lost += not whole_record
         # Whatever the library raises for damaged bytes, the other parts of the file can be read.
         except Exception:
             lost += 1
         at = end
     if lost:
-        found.warnings.append(f"{lost} parts of the file are damaged: left out")
+        found.warnings.append(f"damaged or cut parts of the file, left out: {lost}")
     if not ended:
         found.warnings.append("the file is cut or damaged: it does not end as MCAP does")
     strange = [channel for channel in found.messages if channel not in found.channels]
@@ -315,6 +336,28 @@ def _records(library: Any, opcode: int, body: bytes) -> Sequence[Any]:  # noqa: 
     return [] if kind is None else [kind.read(stream)]
 
 
+def _cut_chunk(library: Any, body: bytes) -> Iterator[Any]:  # noqa: ANN401 - a module and records
+    """Yield the records of a chunk whose end is missing, up to the first one that is not whole."""
+    import zstandard  # imported late: both come with the optional mcap
+    from lz4.frame import LZ4FrameDecompressor
+
+    stream = library.data_stream.ReadDataStream(io.BytesIO(body))
+    stream.read(8 + 8 + 8 + 4)  # times, size, checksum
+    compression, _ = stream.read_prefixed_string(), stream.read8()
+    data = body[stream.count :]
+    if compression == "zstd":
+        data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    elif compression == "lz4":
+        data = LZ4FrameDecompressor().decompress(data)
+    at = 0
+    while at + _FRONT < len(data):
+        (length,) = struct.unpack_from("<Q", data, at + 1)
+        if at + _FRONT + length > len(data):
+            return
+        yield from _records(library, data[at], data[at + _FRONT : at + _FRONT + length])
+        at += _FRONT + length
+
+
 def _take(library: Any, record: Any, found: Collected) -> None:  # noqa: ANN401 - a module and a record
     """Take a record's content."""
     records = library.records
@@ -324,10 +367,12 @@ def _take(library: Any, record: Any, found: Collected) -> None:  # noqa: ANN401 
         found.schemas[record.id] = record
     elif isinstance(record, records.Channel):
         schema = found.schemas.get(record.schema_id)
-        ros1 = schema is not None and schema.encoding == "ros1msg" and record.message_encoding == "ros1"
-        text = schema.data.decode(errors="replace") if schema is not None else ""
-        name = schema.name if schema is not None else record.message_encoding
-        found.channels[record.id] = record.topic, name, text, ros1, record.metadata
+        text, name = "", record.message_encoding
+        if schema is not None:
+            name = schema.name
+            if schema.encoding == "ros1msg" and record.message_encoding == "ros1":
+                text = schema.data.decode(errors="replace")
+        found.add_channel(record.id, record.topic, name, text, record.metadata)
     elif isinstance(record, records.Metadata):
         found.facts |= record.metadata if record.name == OURS else {}
     elif isinstance(record, records.Attachment):

@@ -157,7 +157,7 @@ class _Walk:
 
 @dataclass(frozen=True)
 class Group:
-    """Messages of a series whose arrays and texts have the same lengths."""
+    """Messages of a series whose arrays and texts have the same lengths, and whose lists of texts are equal."""
 
     rows: np.ndarray
     """Their indices in the series, ascending."""
@@ -169,7 +169,7 @@ def decode(fields: Sequence[Field], messages: Sequence[bytes]) -> tuple[list[Gro
     """Read messages of one type.
 
     Returns:
-        Groups of messages with equal lengths, and the indices of the messages that are damaged.
+        Groups of messages that are alike, and the indices of the messages that are damaged.
     """
     sizes = np.array([len(message) for message in messages])
     groups, damaged = list[Group](), list[int]()
@@ -186,8 +186,11 @@ def decode(fields: Sequence[Field], messages: Sequence[bytes]) -> tuple[list[Gro
                 damaged.append(int(rows[0]))
                 rows, table = rows[1:], table[1:]
                 continue
-            prefixes = (np.array(walk.prefixes, int)[:, None] + np.arange(4)).reshape(-1)
-            alike = (table[:, prefixes] == table[0, prefixes]).all(axis=1)
+            # Equal lengths give equal places; names, which say what the values are, must be equal themselves.
+            names = [np.arange(leaf.shape[0]) + leaf.offset for leaf in walk.leaves
+                     if leaf.kind == "S" and leaf.path.endswith("]")]  # fmt: skip
+            same = np.concatenate([(np.array(walk.prefixes, int)[:, None] + np.arange(4)).reshape(-1), *names])
+            alike = (table[:, same] == table[0, same]).all(axis=1)
             groups.append(Group(rows[alike], {leaf.path: _values(leaf, table[alike]) for leaf in walk.leaves}))
             rows, table = rows[~alike], table[~alike]
     return groups, np.array(sorted(damaged), int)

@@ -51,8 +51,8 @@ class RunnerLog:
     """(n,) records of `sp_loop_output`."""
     clock: np.ndarray
     """(n,) records of `sp_log_clock`."""
-    mission: np.ndarray
-    """Record of `sp_mission`, shape ()."""
+    mission: np.void
+    """Record of `sp_mission`."""
     interface: str
     """Hash of the interface."""
     digest: str
@@ -144,7 +144,7 @@ def runner_record(log: RunnerLog) -> Record:
     )
 
 
-def _is_mission(mission: np.ndarray) -> bool:
+def _is_mission(mission: np.void) -> bool:
     return int(mission["kind"]) in tuple(MissionKind)
 
 
