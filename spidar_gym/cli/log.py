@@ -15,6 +15,7 @@ from spidar_gym.logs.describe import record_facts, record_table
 from spidar_gym.logs.mcap import NAMESPACE, mcap_library, write_mcap
 from spidar_gym.logs.open import read_log
 from spidar_gym.logs.record import Record
+from spidar_gym.logs.topics import FORMATS
 from spidar_gym.robot import ROBOT, RobotSpec
 
 log_app = tyro.extras.SubcommandApp()
@@ -31,7 +32,9 @@ RobotArg = Annotated[
 def _read(file: Path, namespace: str, robot: Path | None) -> Record:
     if not namespace.startswith("/") or namespace.endswith("/"):
         raise InvalidValueError("namespace", namespace, "a name of ROS such as /spidar")
-    return read_log(file, namespace=namespace, robot=ROBOT if robot is None else RobotSpec.parse(robot))
+    spec, size = ROBOT if robot is None else RobotSpec.parse(robot), file.stat().st_size if file.is_file() else 0
+    with progress(total=size, unit="B", unit_scale=True, desc=f"read {file.name}", leave=False, delay=1.0) as bar:
+        return read_log(file, namespace=namespace, robot=spec, on_bytes=bar.update)
 
 
 @log_app.command
@@ -64,6 +67,13 @@ def convert(
     if target is not None:
         mcap_library()  # raises without the library, before the log is read
     record = _read(file, namespace, robot)
+    if not record.series:
+        elsewhere = sorted({topic[: -len(name) - 1] for topic in record.others for name in FORMATS
+                            if topic.endswith(f"/{name}")})  # fmt: skip
+        raise SpidarError(
+            f"{file} has no message of the robot's topics under {namespace}; valid: a log with some"
+            f"{f', or --namespace {elsewhere[0]}' if elsewhere else ''}"
+        )
     warnings, written = list(record.warnings), list[str]()
     count = sum(map(len, record.series.values())) * ((target is not None) + (csv is not None))
     with (

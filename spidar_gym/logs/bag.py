@@ -2,7 +2,7 @@
 
 import bz2
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,15 @@ _COMPRESSION = b"compression="
 """Field of a chunk, by which the next one is found after damage."""
 
 
-def read_bag(path: Path, *, namespace: str = NAMESPACE) -> Record:
+def read_bag(
+    path: Path, *, namespace: str = NAMESPACE, on_bytes: Callable[[int], object] = lambda count: None
+) -> Record:
     """Read a bag; damaged parts are left out, with a warning.
 
     Args:
         path: The bag.
         namespace: Namespace of the robot's topics.
+        on_bytes: Called with a number of bytes that have been read, for progress.
 
     Raises:
         BorderError: For a file that cannot be read or is no bag of version 2.0.
@@ -44,7 +47,7 @@ def read_bag(path: Path, *, namespace: str = NAMESPACE) -> Record:
     except ImportError as error:
         raise MissingDependencyError("rosbags", INSTALL) from error
     try:
-        found = _indexed(Reader, path)
+        found = _indexed(Reader, path, on_bytes)
     # Whatever the library raises for a damaged bag, its whole records can be read.
     except Exception as error:
         found = _scanned(path)
@@ -53,7 +56,7 @@ def read_bag(path: Path, *, namespace: str = NAMESPACE) -> Record:
     return assemble("bag", found, namespace, found.warnings, {})
 
 
-def _indexed(reader: Any, path: Path) -> Collected:  # noqa: ANN401 - a class
+def _indexed(reader: Any, path: Path, on_bytes: Callable[[int], object]) -> Collected:  # noqa: ANN401 - a class
     """Read a whole bag."""
     found = Collected()
     with reader(path) as bag:
@@ -66,6 +69,7 @@ def _indexed(reader: Any, path: Path) -> Collected:  # noqa: ANN401 - a class
         wanted = [c for c in bag.connections if c.id not in found.skipped]
         for connection, time, data in bag.messages(wanted) if wanted else ():
             found.add(connection.id, time, bytes(data))
+            on_bytes(len(data))
     return found
 
 

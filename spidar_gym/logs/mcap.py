@@ -26,7 +26,7 @@ OURS = "spidar_gym"
 """Name of the metadata in files that this module wrote."""
 INSTALL = "pip install 'spidar-gym[log]'"
 """Command that installs the libraries for MCAP and bags."""
-_PROFILE = "ros1"
+_PROFILE, _JSON = "ros1", "application/json"
 _FRONT, _FOOTER = 9, 9 + 20
 """Sizes of the front of a record, and of the last record [byte]."""
 MOST_CHUNK = 2**30
@@ -77,7 +77,7 @@ def write_mcap(
         facts |= {"warnings": json.dumps(record.warnings, ensure_ascii=False)} if record.warnings else {}
         writer.add_metadata(OURS, facts)
         for name, data in record.attachments.items():
-            writer.add_attachment(0, 0, name, "application/json", data)
+            writer.add_attachment(0, 0, name, _JSON, data)
         schemas, channels, messages, times = dict[Any, int](), [], [], []
         for topic, series in record.series.items():
             kind = series.format.kind, uses_head(series)
@@ -153,12 +153,15 @@ class Collected:
             self.times.setdefault(channel, []).append(min(time, _MOST_TIME))
 
 
-def read_mcap(path: Path, *, namespace: str = NAMESPACE) -> Record:
+def read_mcap(
+    path: Path, *, namespace: str = NAMESPACE, on_bytes: Callable[[int], object] = lambda count: None
+) -> Record:
     """Read a file with ROS 1 messages; damaged parts are left out, with a warning.
 
     Args:
         path: The file.
         namespace: Namespace of the robot's topics; files that this module wrote state their own.
+        on_bytes: Called with a number of bytes that have been read, for progress.
 
     Raises:
         BorderError: For a file that cannot be read or is no MCAP.
@@ -171,7 +174,7 @@ def read_mcap(path: Path, *, namespace: str = NAMESPACE) -> Record:
         raise BorderError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
     if not data.startswith(MAGIC):
         raise BorderError(f"{path} is no MCAP; valid: a file that starts with its 8 bytes")
-    _collect(library, data, found)
+    _collect(library, data, found, on_bytes)
     own = found.facts.get("namespace", namespace)
     if any(topic.startswith(f"{own}/") for topic, *_ in found.channels.values()):
         namespace = own
@@ -223,14 +226,8 @@ def assemble(
             named = [name.removeprefix("unit.") for name in about if name.startswith("unit.")]
             only = named if "contents" in about else None
             try:
-                own = to_series(
-                    form,
-                    parse(type_, text),
-                    found.messages[channel],
-                    np.array(found.times[channel], np.int64),
-                    epoch,
-                    only,
-                )
+                received = np.array(found.times[channel], np.int64)
+                own = to_series(form, parse(type_, text), found.messages[channel], received, epoch, only)
             except (MessageError, KeyError, RecursionError) as error:
                 told.append(f"{topic} cannot be read: {error}")
         if own is not None and (own[0].values or not own[0].format.columns):
@@ -273,7 +270,10 @@ def _alike(parts: Sequence[Series], name: str, names: Sequence[str]) -> list[np.
     return made
 
 
-def _collect(library: Any, data: bytes, found: Collected) -> None:  # noqa: ANN401 - a module
+def _collect(
+    library: Any,  # noqa: ANN401 - a module
+    data: bytes, found: Collected, on_bytes: Callable[[int], object],
+) -> None:  # fmt: skip
     """Read every record of a file that is not damaged."""
     kinds = library.opcode.Opcode
     starts, at, lost, ended = _chunks(library, data), len(MAGIC), 0, False
@@ -293,6 +293,7 @@ def _collect(library: Any, data: bytes, found: Collected) -> None:  # noqa: ANN4
         # Whatever the library raises for damaged bytes, the other parts of the file can be read.
         except Exception:
             lost += 1
+        on_bytes(end - at)
         at = end
     if lost:
         found.warnings.append(f"damaged or cut parts of the file, left out: {lost}")
@@ -375,5 +376,5 @@ def _take(library: Any, record: Any, found: Collected) -> None:  # noqa: ANN401 
         found.add_channel(record.id, record.topic, name, text, record.metadata)
     elif isinstance(record, records.Metadata):
         found.facts |= record.metadata if record.name == OURS else {}
-    elif isinstance(record, records.Attachment):
+    elif isinstance(record, records.Attachment) and record.media_type == _JSON:
         found.attachments[record.name] = record.data

@@ -1,5 +1,6 @@
 """Reading a log of any kind; the kind is recognised by the content, not by the name."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from spidar_gym.border import BorderError
@@ -12,13 +13,17 @@ VALID = "a log of the runner, an MCAP with messages of ROS 1, a bag of ROS 1"
 """Kinds of logs."""
 
 
-def read_log(path: str | Path, *, namespace: str = mcap.NAMESPACE, robot: RobotSpec = ROBOT) -> Record:
+def read_log(
+    path: str | Path, *, namespace: str = mcap.NAMESPACE, robot: RobotSpec = ROBOT,
+    on_bytes: Callable[[int], object] = lambda count: None,
+) -> Record:  # fmt: skip
     """Read a log; parts that are damaged or missing are left out, and `Record.warnings` states them.
 
     Args:
         path: A log of the runner, an MCAP or a bag of ROS 1.
         namespace: Namespace of the robot's topics in an MCAP or a bag.
         robot: Robot of the export whose runner wrote the log.
+        on_bytes: Called with a number of bytes that have been read, for progress; logs of the runner are read at once.
 
     Raises:
         BorderError: For a file that cannot be read or is no such log.
@@ -35,7 +40,7 @@ def read_log(path: str | Path, *, namespace: str = mcap.NAMESPACE, robot: RobotS
     if is_runner_log(start):
         return runner_record(read_runner_log(path, robot))
     if start.startswith(mcap.MAGIC):
-        return mcap.read_mcap(path, namespace=namespace)
+        return mcap.read_mcap(path, namespace=namespace, on_bytes=on_bytes)
     if start.startswith(bag.MAGIC):
-        return bag.read_bag(path, namespace=namespace)
+        return bag.read_bag(path, namespace=namespace, on_bytes=on_bytes)
     raise BorderError(f"{path} is no log; valid: {VALID}")

@@ -8,10 +8,11 @@ import gymnasium
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer as McapWriter
 from mcap_ros1.decoder import DecoderFactory
 from rosbags.rosbag1 import Writer
 from support.commands import ROOT, refused
-from support.logs import EPOCH, assert_same, random_record, write_bag
+from support.logs import EPOCH, assert_same, random_record, typestore, write_bag
 from support.needs import marked
 
 from spidar_gym.border import BorderError
@@ -20,6 +21,7 @@ from spidar_gym.logs.csv_folder import write_csv
 from spidar_gym.logs.describe import record_table
 from spidar_gym.logs.mcap import read_mcap, write_mcap
 from spidar_gym.logs.open import read_log
+from spidar_gym.logs.record import Other
 from spidar_gym.logs.simulation import Recorder, record_env
 from spidar_gym.logs.topics import FORMATS
 from spidar_gym.onboard.messages import STATE_NAMES
@@ -329,6 +331,36 @@ def test_a_bag_of_ross_own_library_is_read_whole_and_cut(tmp_path):
     assert found["mocap/pose"].time[-1] == record["mocap/pose"].time[-1]
 
 
+def test_commands_of_two_nodes_are_one_series_in_the_order_of_receipt(tmp_path):
+    store, path = typestore(), tmp_path / "two.bag"
+    kind = "spinal/msg/FourAxisCommand"
+    with Writer(path) as writer:
+        nodes = [writer.add_connection("/spidar/four_axes/command", kind, typestore=store, callerid=n) for n in "ab"]
+        for k in range(6):
+            thrust = np.full(8 - k % 2, k, np.float32)
+            command = store.types[kind](angles=np.zeros(3, np.float32), base_thrust=thrust)
+            writer.write(nodes[k % 2], 10**9 * k, store.serialize_ros1(command, kind))
+    series = read_log(path)["four_axes/command"]
+    assert series.time.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert series.values["base_thrust"][:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert np.isnan(series.values["base_thrust"][1::2, 7]).all()
+
+
+def test_topics_with_messages_of_another_kind_are_named_and_not_read(tmp_path):
+    path = tmp_path / "json.mcap"
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start("ros2")
+        schema = writer.register_schema("sensor_msgs/msg/Imu", "jsonschema", b"{}")
+        channel = writer.register_channel("/spidar/imu", "json", schema)
+        writer.add_message(channel, 2**64 - 1, b"{}", 0)
+        writer.finish()
+    record = read_log(path)
+    assert record.series == {}
+    assert record.others == {"/spidar/imu": Other("sensor_msgs/msg/Imu", 1)}
+    assert "not read" in record_table(record)
+
+
 # Simulation
 
 
@@ -416,6 +448,9 @@ def test_bad_words_of_the_command_are_refused_in_one_line(tmp_path, capfd, monke
                 main(["log", *map(str, words)])
             assert stop.value.code == 2
             assert "valid" in capfd.readouterr().err.splitlines()[-1]
+    with pytest.raises(SystemExit):
+        main(["log", "convert", str(write_bag(tmp_path / "y.bag", namespace="/dragon").path)])
+    assert "valid: a log with some, or --namespace /dragon" in capfd.readouterr().err
     assert "one episode" in refused(capfd, "run", "--episodes", "2", "--log", "x.mcap")
     monkeypatch.setitem(sys.modules, "mcap.data_stream", None)
     assert "spidar-gym[log]" in refused(capfd, "log", "info", str(mcap))
