@@ -1,6 +1,7 @@
 """Bags of ROS 1, read with the library `rosbags`; damaged and unindexed ones record by record."""
 
 import bz2
+import contextlib
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -58,18 +59,20 @@ def read_bag(
 
 def _indexed(reader: Any, path: Path, on_bytes: Callable[[int], object]) -> Collected:  # noqa: ANN401 - a class
     """Read a whole bag."""
-    found = Collected()
-    with reader(path) as bag:
+    found, bag = Collected(), reader(path)
+    try:
+        bag.open()
         for c in bag.connections:
-            kind = c.msgtype.replace("/msg/", "/")
-            text = c.msgdef if isinstance(c.msgdef, str) else c.msgdef.data  # a text before rosbags 0.10.10
-            found.add_channel(c.id, c.topic, kind, text, {})
+            found.add_channel(c.id, c.topic, c.msgtype.replace("/msg/", "/"), c.msgdef.data, {})
             if c.id in found.skipped:  # of cameras, for example, nothing is read
                 found.skipped[c.id] = c.msgcount
         wanted = [c for c in bag.connections if c.id not in found.skipped]
         for connection, time, data in bag.messages(wanted) if wanted else ():
             found.add(connection.id, time, bytes(data))
             on_bytes(len(data))
+    finally:
+        with contextlib.suppress(Exception):  # raised by versions that close a damaged bag themselves
+            bag.close()
     return found
 
 
