@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import time
 
 import gymnasium
 import numpy as np
@@ -12,7 +13,7 @@ from mcap.writer import Writer as McapWriter
 from mcap_ros1.decoder import DecoderFactory
 from rosbags.rosbag1 import Writer
 from support.commands import ROOT, refused
-from support.logs import EPOCH, assert_same, random_record, typestore, write_bag
+from support.logs import EPOCH, assert_same, lengthened, random_record, typestore, write_bag
 from support.needs import marked
 
 from spidar_gym.border import BorderError
@@ -151,6 +152,17 @@ def test_a_log_of_another_interface_or_kind_is_refused_in_one_line(flown, tmp_pa
     path.write_bytes(data)
     with pytest.raises(BorderError, match="no log of a run"):
         read_log(path)
+
+
+def test_a_log_of_ten_minutes_is_converted_in_less_than_twenty_seconds(flown, tmp_path, capfd):
+    ticks = 24_000
+    lengthened(flown.path, tmp_path / "long.log", ticks)
+    begun = time.process_time()
+    main(["log", "convert", str(tmp_path / "long.log")])
+    assert time.process_time() - begun < 20.0
+    with (tmp_path / "long.mcap").open("rb") as file:
+        counts = make_reader(file).get_summary().statistics.channel_message_counts
+    assert sum(counts.values()) > 18 * ticks
 
 
 # Damage

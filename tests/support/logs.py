@@ -7,9 +7,11 @@ import numpy as np
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.logs.record import Record, Series, ordered
 from spidar_gym.logs.topics import FORMATS, HEAD_IMU, definition
 from spidar_gym.onboard.messages import Message
+from spidar_gym.onboard.runner_structs import Action, log_layouts
 from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.missions import hover_mission
 from spidar_gym.sitl.play import Played, play
@@ -54,6 +56,30 @@ def fly(folder, monkeypatch):
     path = folder / "run.log"
     played = play(hover_mission(seconds=6.0), fault="pose_stops", log=path)
     return Flown(path, played, Witness.said, Witness.commanded)
+
+
+def lengthened(log, path, count):
+    """Write a log of `count` ticks: those of a run again and again, with later times and noise."""
+    types, data = log_layouts(), log.read_bytes()
+    start = types["log_head"].itemsize + types["mission"].itemsize
+    tick = np.dtype([("input", types["loop_input"]), ("output", types["loop_output"]), ("clock", types["log_clock"])])
+    once = np.frombuffer(data, tick, offset=start)
+    once = once[once["output"]["action"] == Action.PUBLISH]
+    ticks, rng = np.resize(once, count), np.random.default_rng(0)
+    later = np.repeat(np.arange(-(-count // len(once))), len(once))[:count] * len(once) / CONTROL_RATE
+    inputs, outputs, m = ticks["input"], ticks["output"], ticks["input"]["measurement"]
+    for record, names in ((inputs, ("time", "flight_state_time")), (m, ("time", "encoder_time")),
+                          (inputs["odometry"], ("time",))):  # fmt: skip
+        for name in names:
+            record[name] += later
+    for name in ("pose_time", "imu_time"):
+        m[name] += later[:, None]
+    for record, names in ((m, ("gyro_b", "specific_force_b", "pose_position_w", "joint_position")),
+                          (outputs["state"], ("position_w", "quat_wb", "joint_position", "joint_velocity")),
+                          (outputs, ("forces_l", "joint_torques"))):  # fmt: skip
+        for name in names:
+            record[name] += 1e-3 * rng.standard_normal(record[name].shape)
+    path.write_bytes(data[:start] + ticks.tobytes())
 
 
 def random_series(topic, rng, count=7, *, head=False):
