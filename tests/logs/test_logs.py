@@ -154,6 +154,23 @@ def test_a_log_of_another_interface_or_kind_is_refused_in_one_line(flown, tmp_pa
         read_log(path)
 
 
+def test_a_message_that_stays_the_newest_is_in_the_record_once_and_ticks_with_two_times_are_damaged(flown, tmp_path):
+    path, types = tmp_path / "run.log", log_layouts()
+    data = bytearray(flown.path.read_bytes()[: START + 40 * TICK])
+    inputs = [np.frombuffer(data, types["loop_input"], 1, START + k * TICK)[0] for k in range(40)]
+    for record in inputs[10:20]:  # the servos and the flight stack are silent
+        record["measurement"]["encoder_time"] = inputs[9]["measurement"]["encoder_time"]
+        record["flight_state_time"] = inputs[9]["flight_state_time"]
+    path.write_bytes(data)
+    record = read_log(path)
+    assert [len(record[topic]) for topic in ("joint_states", "flight_state", "runner/status")] == [30, 30, 40]
+    inputs[20]["time"], inputs[21]["time"] = np.nan, inputs[21]["time"] + 1.0
+    path.write_bytes(data)
+    record = read_log(path)
+    assert ticks_of(record) == 38
+    assert record.warnings[0].startswith("2 of 40 ticks are damaged")
+
+
 def test_a_log_of_ten_minutes_is_converted_in_less_than_twenty_seconds(flown, tmp_path, capfd):
     ticks = 24_000
     lengthened(flown.path, tmp_path / "long.log", ticks)
