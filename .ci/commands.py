@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 DONE = "done"
 """Outcome of a command that succeeds."""
-VIZ, WEB, TUNE, TRAIN, RAY = "viz", "web", "tune", "train", "ray"
+VIZ, WEB, TUNE, TRAIN, RAY, LOG = "viz", "web", "tune", "train", "ray", "log"
 """Names of the extras."""
 CLONE = "valid: a clone of the repository"
 """Part of the refusal of a development command outside a clone."""
@@ -191,6 +191,14 @@ GUIDE = (
     Try("spidar sitl course --gates N", instead="spidar sitl course --gates 1 --link socket --robots 1"),
     Try("spidar sitl faults", "--link socket --only killed"),
     Try("spidar sitl robot --link socket, then Ctrl-C", instead="python serve.py sitl robot --link socket"),
+    # Logs.
+    Try("spidar log info FILE", instead="spidar log info out/sitl-flight/run.log"),
+    Try("spidar log convert FILE --csv DIR",
+        instead="spidar log convert out/sitl-flight/run.log --csv out/csv", makes=("out/csv/imu.csv",)),
+    Try("spidar log convert FILE", extra=LOG, refusal="spidar-gym[log]", makes=("out/run.mcap",),
+        instead="spidar log convert out/sitl-flight/run.log --out out/run.mcap"),
+    Try("spidar run --log FILE.mcap", extra=LOG, refusal="spidar-gym[log]", makes=("episode.mcap",),
+        instead="spidar run --seconds 0.5 --log episode.mcap"),
     # Speed and generated files.
     Try("spidar bench", "--seconds 0.01"),
     Try("spidar assets"),

@@ -28,6 +28,8 @@ from spidar_gym.envs.registry import COURSE, Entry, environment
 from spidar_gym.envs.suite import SUITE, SUITE_IDS, SuiteTask
 from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.files import output_folder
+from spidar_gym.logs.mcap import mcap_library, write_mcap
+from spidar_gym.logs.simulation import Recorder
 from spidar_gym.native.engine_structs import HEADINGS, PATHS
 from spidar_gym.policies.actor import Actor
 from spidar_gym.policies.load import load_policy
@@ -124,6 +126,7 @@ def run(
     disturbances: Annotated[Disturbances, tyro.conf.arg(name="")] = UNDISTURBED,
     camera: CameraArg = FIXED,
     out: Path | None = None,
+    log: Path | None = None,
     show: Flag = False,
 ) -> None:
     """Run episodes of a controller or a policy; print errors and success, and show or record the episodes.
@@ -146,11 +149,13 @@ def run(
         randomization: Strength of the domain randomisation, 0 … 1; a TOML file of ranges by field; or a calibrated
             world, calibrated_1, or one kind of its robots, calibrated_1:wake-damped.
         out: Video file to write (.mp4).
+        log: Log of one episode to write (.mcap): true state, commands and, with --sensors, samples and estimates.
         show: Show the episodes in a window, which requires a display.
     """
     fixed = SUITE.get(SUITE_IDS.get(env_id, ""))
     env_id = env_id if fixed is None else fixed.env_id
     entry = _check_run(env_id, episodes, seed, camera, seconds, out, show)
+    _check_log(log, alone=episodes == 1 and against is None)
     shared: dict[str, Any] = {
         "wake": wake, "sensors": sensors, "disturbances": disturbances, "render_mode": "human" if show else None,
         **({} if robot is None else {"robot": RobotSpec.parse(robot)}),
@@ -171,7 +176,7 @@ def run(
             takes = []
             for k, player in enumerate(players):
                 name = f"{player.name}, " if len(players) > 1 else ""
-                steps, take = _episode(player, seed + episode, f"{name}episode {episode + 1}", film is not None)
+                steps, take = _episode(player, seed + episode, f"{name}episode {episode + 1}", film is not None, log)
                 last = steps[-1].info
                 finite = _is_finite(steps[-1].next_observation)
                 counts[k] += (not last["failure"], bool(last["is_success"]), bool(finite))
@@ -247,10 +252,15 @@ def _player(
     return _Player(name if policy is None else policy_name(policy), env, actor)
 
 
-def _episode(player: _Player, seed: int, label: str, filmed: bool) -> tuple[list[Step], viz.Take | None]:
-    """Run one episode and, if it is filmed, collect its take."""
+def _episode(
+    player: _Player, seed: int, label: str, filmed: bool, log: Path | None
+) -> tuple[list[Step], viz.Take | None]:
+    """Run one episode; if it is filmed, collect its take, and if it is logged, write the log."""
     inner = player.inner
+    recorder = None if log is None else Recorder(player.env)
     steps = rollout(player.env, player.actor, seed=seed)
+    if recorder is not None:
+        recorder.add()
     played: list[Step] = []
     seen: list[tuple[np.ndarray, str, np.ndarray | None]] = []
     # A crawl ends at its goal. The bar has the planned length and grows tick by tick when the crawl is slower.
@@ -260,12 +270,16 @@ def _episode(player: _Player, seed: int, label: str, filmed: bool) -> tuple[list
     with progress(total=planned, unit="tick", desc=label, leave=False) as bar:
         for step in steps:
             played.append(step)
+            if recorder is not None:
+                recorder.add()
             bar.total = max(planned, bar.n + 1)
             bar.update()
             qpos = inner.plant.data.qpos
             if filmed and np.isfinite(qpos).all():
                 contacts = inner.plant.contact_forces() if inner.plant.in_contact else None
                 seen.append((qpos.copy(), _phase(inner, step.info), contacts))
+    if recorder is not None and log is not None:
+        write_mcap(recorder.record(), log)
     return played, _take(player, [step.info for step in played[: len(seen)]], seen) if seen else None
 
 
@@ -358,3 +372,14 @@ def _check_run(
     if show:
         require_display()
     return entry
+
+
+def _check_log(log: Path | None, *, alone: bool) -> None:
+    """Check the argument `log`; `alone` is whether one episode of one policy is run."""
+    if log is None:
+        return
+    if log.suffix != ".mcap" or log.is_dir():
+        raise InvalidValueError("log", str(log), "a path of a file that ends in .mcap")
+    if not alone:
+        raise InvalidValueError("log", str(log), "no log, or one episode without --against")
+    mcap_library()  # raises without the library

@@ -108,6 +108,14 @@ class Stage(IntEnum):
     RESTING = 6
 
 
+STAGES = {
+    "waiting": Stage.WAITING, "driving": Stage.DRIVING, "holding": Stage.HOLDING,
+    "forcing the landing": Stage.LANDING, "released": Stage.RELEASED, "ending the course": Stage.ENDING,
+    "resting": Stage.RESTING,
+}  # fmt: skip
+"""Text that the runner prints → stage."""
+
+
 class Heard(IntEnum):
     """Result of the orders received in a tick."""
 

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spidar_gym.onboard.messages import ARM_OFF, ARM_ON, FORCE_LANDING
 from spidar_gym.robot import N_ROTORS, ROBOT
 from spidar_gym.so3 import euler_angles
 
-ARM_ON, ARM_OFF, FORCE_LANDING = 0, 1, 2
-"""Configuration commands."""
 COMMAND_TIMEOUT = 0.5
 """The board lands when it has received no thrust command for this long [s]."""
 TILT_LIMIT = 1.0

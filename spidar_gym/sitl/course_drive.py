@@ -19,6 +19,7 @@ from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig
 from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.errors import SpidarError
+from spidar_gym.logs.runner_log import RunnerLog
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.core_manager import CoreManager
@@ -34,7 +35,7 @@ from spidar_gym.sim.course_boxes import boxes
 from spidar_gym.sim.ground import GroundConfig, with_boxes
 from spidar_gym.sim.randomize import Randomization, randomize
 from spidar_gym.sitl.missions import Mission
-from spidar_gym.sitl.report import RunnerLog, drive_times, driven, timing
+from spidar_gym.sitl.report import drive_times, driven, timing
 from spidar_gym.sitl.session import Run, tilt_of
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import Command, RobotState

@@ -14,6 +14,7 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.errors import SpidarError
+from spidar_gym.logs.runner_log import RunnerLog
 from spidar_gym.onboard.runner_structs import Action, Stage
 from spidar_gym.robot import FORMS
 from spidar_gym.sim.randomize import Randomization
@@ -21,7 +22,7 @@ from spidar_gym.sitl.course_drive import NOT_SAMPLED
 from spidar_gym.sitl.faults import FAULTS, FLOOR_PHASES, course_reaction
 from spidar_gym.sitl.missions import Mission, course_mission
 from spidar_gym.sitl.play import IN_PHASE, build_for, play
-from spidar_gym.sitl.report import RunnerLog, drive_times, within_bounds
+from spidar_gym.sitl.report import drive_times, within_bounds
 from spidar_gym.sitl.session import Run
 
 TOUCHDOWN = 0.35

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spidar_gym.onboard.messages import Message
 from spidar_gym.onboard.runner_structs import FlightState
-from spidar_gym.sitl.messages import Message
 
 STALL, LONG_STALL = 0.2, 0.7
 """Durations for which a stalled runner does not run [s]."""

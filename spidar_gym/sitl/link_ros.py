@@ -24,8 +24,8 @@ from xmlrpc.client import ServerProxy
 import numpy as np
 
 from spidar_gym.errors import MissingDependencyError, SpidarError, require_name
+from spidar_gym.onboard.messages import COMMANDS, FEEDBACK, ORDERS, Message
 from spidar_gym.robot.description import model_hash
-from spidar_gym.sitl.messages import COMMANDS, FEEDBACK, ORDERS, Message
 from spidar_gym.sitl.ros_types import FILL, KINDS, READ, RosMessage, message_types
 
 PACKAGES = "/usr/lib/python3/dist-packages"

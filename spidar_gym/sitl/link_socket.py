@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.onboard.messages import FEEDBACK, FORCE_LANDING, ORDERS, STATE_NAMES, Message
 from spidar_gym.onboard.runner_structs import ORDER_TEXT, TOPICS, Action, log_layouts, runner_hash
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS
 from spidar_gym.robot.description import model_hash
-from spidar_gym.sitl.board import FORCE_LANDING
-from spidar_gym.sitl.messages import FEEDBACK, ORDERS, STATE_NAMES, Message
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
 
 ODOMETRY_FIELDS = {"position_w": "position", "quat_wb": "quat", "velocity_w": "velocity", "omega_b": "omega"}

@@ -11,6 +11,7 @@ import numpy as np
 from spidar_gym.control.presets import crawler_config
 from spidar_gym.errors import SpidarError, require_name
 from spidar_gym.files import scratch_folder
+from spidar_gym.logs.runner_log import RunnerLog, read_runner_log
 from spidar_gym.onboard.build import build_runner
 from spidar_gym.paper.crawl import CrawlLog, crawl_figures, crawl_lines
 from spidar_gym.paper.flight import FlightLog, flight_figures, flight_lines, noisy_robot
@@ -19,7 +20,7 @@ from spidar_gym.sim.randomize import Randomization, randomize
 from spidar_gym.sitl.course_drive import NOT_SAMPLED, course_robot
 from spidar_gym.sitl.faults import FAULTS, Injector
 from spidar_gym.sitl.missions import Mission, hover_mission
-from spidar_gym.sitl.report import RunnerLog, crawl_log, fault_figures, flight_log, read_runner_log, timing
+from spidar_gym.sitl.report import crawl_log, fault_figures, flight_log, timing
 from spidar_gym.sitl.robot import Robot
 from spidar_gym.sitl.session import LATE, Run, Session, ros_session, socket_session
 from spidar_gym.text import format_table

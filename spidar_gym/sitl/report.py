@@ -2,9 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import groupby
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,9 +15,10 @@ from spidar_gym.control.crawl.pose2 import Pose2, torso_pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import crawler_config
 from spidar_gym.errors import SpidarError
+from spidar_gym.logs.runner_log import RunnerLog
 from spidar_gym.model.dynamics import Model
 from spidar_gym.native.library import STATUS
-from spidar_gym.onboard.runner_structs import MAGIC, Action, FlightState, LogKind, Stage, log_layouts
+from spidar_gym.onboard.runner_structs import Action, FlightState, Stage
 from spidar_gym.paper.crawl import CrawlLog
 from spidar_gym.paper.flight import FLIGHT_SECONDS, FlightLog
 from spidar_gym.policies.rollout import columns
@@ -33,35 +32,6 @@ from spidar_gym.so3 import euler_angles, quat_to_matrix
 from spidar_gym.so3 import log as so3_log
 from spidar_gym.tasks.crawl import SATURATED, TURN_LENGTH, CrawlTask
 from spidar_gym.text import format_table
-
-
-@dataclass(frozen=True)
-class RunnerLog:
-    """Records of the runner's log, one per tick."""
-
-    inputs: np.ndarray
-    """(n,) records of `sp_loop_input`."""
-    outputs: np.ndarray
-    """(n,) records of `sp_loop_output`."""
-    clock: np.ndarray
-    """(n,) records of `sp_log_clock`."""
-
-
-def _of_a_run(head: np.void) -> bool:
-    return bool(head["magic"].tobytes() == MAGIC.encode() and head["kind"] == LogKind.RUN)
-
-
-def read_runner_log(path: Path) -> RunnerLog:
-    """Read the log of a run (`SpidarError` for any other file); an incomplete tick at its end is ignored."""
-    types = log_layouts()
-    head, mission = types["log_head"], types["mission"]
-    data = path.read_bytes()
-    start = head.itemsize + mission.itemsize
-    if len(data) < start or not _of_a_run(np.frombuffer(data, head, 1)[0]):
-        raise SpidarError(f"{path} is no log of a run; valid: what `runner sim --log` or `runner ros1 --log` wrote")
-    tick = np.dtype([("input", types["loop_input"]), ("output", types["loop_output"]), ("clock", types["log_clock"])])
-    ticks = np.frombuffer(data, tick, (len(data) - start) // tick.itemsize, start)
-    return RunnerLog(ticks["input"], ticks["output"], ticks["clock"])
 
 
 def drive_times(run: Run, log: RunnerLog) -> tuple[np.ndarray, np.ndarray]:

@@ -12,12 +12,12 @@ from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.native.engine_structs import IMU_STEPS
 from spidar_gym.native.formulas import voltage
 from spidar_gym.native.plant import Plant
+from spidar_gym.onboard.messages import STATE_NAMES, Message
 from spidar_gym.onboard.runner_structs import FlightState
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.sensors import IMU_POSITION_B
 from spidar_gym.sitl.board import Board
-from spidar_gym.sitl.messages import STATE_NAMES, Message
 from spidar_gym.sitl.missions import HANGING
 from spidar_gym.sitl.stack import LANDING_FORM, Stack
 from spidar_gym.so3 import cross, euler_angles, quat_to_matrix

@@ -2,14 +2,10 @@
 
 import importlib
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-import spidar_gym
-from spidar_gym.sitl.messages import COMMANDS, FEEDBACK, ORDERS
+from spidar_gym.onboard.messages import COMMANDS, DEFINITIONS, FEEDBACK, ORDERS
 
-MESSAGES = Path(spidar_gym.__file__).parent / "onboard" / "msg"
-"""The lab's message types, `spinal`, as this project defines them."""
 KINDS = {topic.name: topic.kind for topic in (*FEEDBACK, *COMMANDS, ORDERS)}
 """Topic → ROS type."""
 RosMessage = Any
@@ -23,7 +19,7 @@ def message_types() -> dict[str, Any]:
     for kind in set(KINDS.values()):
         package, name = kind.split("/")
         if package == "spinal":
-            types[kind] = dynamic.generate_dynamic(kind, (MESSAGES / f"{name}.msg").read_text("utf-8"))[kind]
+            types[kind] = dynamic.generate_dynamic(kind, (DEFINITIONS / f"{name}.msg").read_text("utf-8"))[kind]
         else:
             types[kind] = getattr(importlib.import_module(f"{package}.msg"), name)
     return types

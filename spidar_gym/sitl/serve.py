@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from spidar_gym.errors import SpidarError
+from spidar_gym.onboard.messages import Message
 from spidar_gym.onboard.runner_structs import FlightState
 from spidar_gym.sitl.link_socket import SocketLink
-from spidar_gym.sitl.messages import Message
 from spidar_gym.sitl.robot import TICK, Robot
 from spidar_gym.sitl.session import bring_up
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.errors import SpidarError
-from spidar_gym.onboard.runner_structs import FlightState, Stage
+from spidar_gym.onboard.messages import ORDERS, Message
+from spidar_gym.onboard.runner_structs import STAGES, FlightState, Stage
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sitl.faults import LONG_STALL, STALL, Injector
 from spidar_gym.sitl.link_socket import SocketLink
-from spidar_gym.sitl.messages import ORDERS, Message
 from spidar_gym.sitl.missions import Mission
 from spidar_gym.sitl.robot import DT, TICK, Robot
 from spidar_gym.state import RobotState
@@ -89,13 +89,6 @@ class Run:
     """Lines that the runner printed."""
     late: float = 0.0
     """Largest delay of the simulated robot relative to real time [s]."""
-
-
-STAGES = {
-    "waiting": Stage.WAITING, "driving": Stage.DRIVING, "holding": Stage.HOLDING, "released": Stage.RELEASED,
-    "forcing the landing": Stage.LANDING, "ending the course": Stage.ENDING, "resting": Stage.RESTING,
-}  # fmt: skip
-"""Text that the runner prints → stage."""
 
 
 class Runner:

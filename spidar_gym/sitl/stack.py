@@ -9,9 +9,9 @@ from spidar_gym.arrays import RotorVector
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.presets import controller_config
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
+from spidar_gym.onboard.messages import ARM_OFF, ARM_ON, FORCE_LANDING
 from spidar_gym.onboard.runner_structs import FlightState
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.sitl.board import ARM_OFF, ARM_ON, FORCE_LANDING
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import Command, Reference, RobotState
 

@@ -31,6 +31,7 @@ NAMES = (
     "export",
     "docs",
     "sitl",
+    "log",
     "tune",
     "view",
     "assets",

@@ -42,7 +42,7 @@ def test_every_try_has_a_unique_name_and_no_option_of_the_guide_is_lost():
     for one in GUIDE:
         if one.command.startswith("spidar") and not one.instead:
             assert one.tried.startswith(one.command)
-    assert {one.extra for one in GUIDE} <= {"", "viz", "web", "tune", "train", "ray"}
+    assert {one.extra for one in GUIDE} <= {"", "viz", "web", "tune", "train", "ray", "log"}
 
 
 def test_the_ten_lines_that_are_tried_are_those_of_readme():

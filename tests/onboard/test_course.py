@@ -46,12 +46,12 @@ from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.core_manager import CoreManager, waypoint
 from spidar_gym.native.course_records import write_course
 from spidar_gym.native.plant import read_state
+from spidar_gym.onboard.messages import ORDERS, Message
 from spidar_gym.onboard.runner_structs import ORDER_TEXT, log_layouts
 from spidar_gym.robot import FORMS
 from spidar_gym.sitl.course_drive import Guide, manager_config
 from spidar_gym.sitl.faults import FLOOR_PHASES
 from spidar_gym.sitl.link_socket import SocketLink
-from spidar_gym.sitl.messages import ORDERS, Message
 from spidar_gym.sitl.missions import course_mission, drawn_course, map_mission, order_line
 
 pytestmark = needs_compiler

@@ -15,6 +15,7 @@ from spidar_gym.benchmark.track import CRAWL
 from spidar_gym.cli.main import main
 from spidar_gym.control.locomotion.commands import Land
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
+from spidar_gym.logs.runner_log import read_runner_log
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard.build import arguments, build_runner
@@ -34,7 +35,7 @@ from spidar_gym.sitl.course_faults import (
 from spidar_gym.sitl.faults import course_reaction
 from spidar_gym.sitl.missions import course_mission, crawl_mission, flight_mission, hover_mission
 from spidar_gym.sitl.play import build_for, fault_figures, faults_of, play
-from spidar_gym.sitl.report import fault_table, read_runner_log
+from spidar_gym.sitl.report import fault_table
 from spidar_gym.sitl.session import Run
 from spidar_gym.tasks.course import SUCCESS_POSITION, SUCCESS_YAW
 

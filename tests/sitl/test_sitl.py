@@ -5,10 +5,10 @@ import pytest
 from support.needs import needs_compiler
 
 from spidar_gym.control.estimator import Estimator
+from spidar_gym.onboard.messages import FEEDBACK, Message
 from spidar_gym.onboard.runner_structs import FlightState as State
 from spidar_gym.robot import JOINT_NAMES, N_ROTORS, ROBOT
 from spidar_gym.sitl.board import COMMAND_TIMEOUT, LANDING_RATE, LANDING_THRUST, Board
-from spidar_gym.sitl.messages import FEEDBACK, Message
 from spidar_gym.sitl.missions import crawl_mission, hover_mission
 from spidar_gym.sitl.play import make_robot
 from spidar_gym.sitl.robot import Robot

@@ -2,12 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.onboard.runner_structs import TOPICS
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES
 
+DEFINITIONS = Path(__file__).parent / "msg"
+"""The lab's message types, `spinal`, as this project defines them."""
+ARM_ON, ARM_OFF, FORCE_LANDING = 0, 1, 2
+"""Values of `flight_config_cmd`."""
 STATE_NAMES = (*JOINT_NAMES, *GIMBAL_NAMES)
 """Names of `joint_states`, in its order."""
 
