@@ -3,7 +3,7 @@
 #include "spidar_math.h"
 #include "spidar_model.h"
 
-#define TURN_RATE 0.2 /* of the reference's heading [rad/s] */
+#define HEADING_RATE 0.2 /* of the reference's heading [rad/s] */
 #define CONTENTION 0.5 /* time allowed for the robot's own stack to stop commanding [s] */
 #define TRIM_SECONDS 0.5
 
@@ -138,7 +138,7 @@ void sp_next_form(sp_loop *l, double t)
 static void turn(sp_loop *l, double t)
 {
     const sp_mission *m = &l->mission;
-    double way = TURN_RATE / SP_CONTROL_RATE, target = l->first_yaw;
+    double way = HEADING_RATE / SP_CONTROL_RATE, target = l->first_yaw;
     if (m->heading_count == 0 || l->aborted) return;
     for (int k = 0; k < m->heading_count; k++)
         if (t >= m->headings[k].start - 1e-9) target = l->first_yaw + m->headings[k].yaw;
