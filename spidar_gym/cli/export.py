@@ -42,7 +42,7 @@ def export_(
         out: Output folder: core, solver, runner, missions, recorded inputs with expected outputs, manifest of hashes.
         residual: Artifact of a learned policy whose actions are added to the controller; exported with it.
         residual_rate: Limit of the rate of every entry of the residual action, which is within −1 … 1 [1/s].
-        robot: TOML file of a custom robot; its missions are a flight, a crawl and a hover, without courses.
+        robot: TOML file of a custom robot; its missions are a flight, a crawl, a hover and the tests, without courses.
         presets: Flight presets that missions can name; the written missions whose preset is not among them fly the
             first. For a custom robot, steady is no default. Export refuses those whose worst margins over robots of the
             calibrated world, with legs that bend, are too small, and says which.

@@ -18,8 +18,9 @@ def test_missions_fly_exported_presets(here, capfd):
     main(["export", "--out", "onboard", "--presets", "tuned", "retuned", "--fragile"])
     heads = {path.stem: path.read_text().split()[:2] for path in (here / "onboard/missions").glob("*.txt")}
     assert heads.pop("crawl") == ["crawl", "published"]
+    assert heads.pop("bench")[0] == "bench"
     assert {preset for _, preset in heads.values()} == {"tuned"}
-    assert heads.keys() == {"flight", "hover", "course", "course_gates"}
+    assert heads.keys() == {"flight", "hover", "course", "course_gates", "thrust", "legs", "forms"}
 
 
 def test_an_empty_list_of_presets_is_refused_and_writes_nothing(here, capfd):

@@ -471,7 +471,7 @@ BAD = {
     "flight tuned\ntake_off 1": "crawl_to, take_off, fly_to, land for a course",
     "crawl robust\nland": "line 2; valid: crawl_to, take_off, fly_to, land for a course",
     FRONT + "move 0.1 0 0 0": "move for a crawl",
-    FRONT + "end 3": "form, unrestricted, end for a flight",
+    FRONT + "end 3": "form, end for a flight or a bench test; unrestricted for a flight",
     FRONT + "take_off": "line 2; valid: take_off HEIGHT, by which it rises, within 0.1 … 10 m",
     FRONT + "take_off 0.05": "within 0.1 … 10 m",
     FRONT + "take_off nan": "take_off HEIGHT",

@@ -46,7 +46,8 @@ def test_the_folder_is_of_that_robot(folder, runner):
     about = subprocess.run([runner, "about"], check=True, capture_output=True, text=True).stdout
     assert about == f"interface {runner_hash(LONG)}\nmodel {model_hash(LONG)}\n"
     assert model_hash(LONG) != model_hash()
-    assert sorted(path.name for path in (folder / "missions").iterdir()) == ["crawl.txt", "flight.txt", "hover.txt"]
+    missions = {path.stem for path in (folder / "missions").iterdir()}
+    assert missions == {"crawl", "flight", "hover", "bench", "thrust", "legs", "forms"}
 
 
 def test_what_was_learned_on_the_nominal_robot_is_not_exported_with_another():
