@@ -122,18 +122,6 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     return 1;
 }
 
-void sp_next_form(sp_loop *l, double t)
-{
-    const sp_mission *m = &l->mission;
-    for (int k = 0; k < m->form_count && !l->aborted; k++)
-        if (t >= m->forms[k].start - 1e-9) sp_copy(l->form, m->forms[k].joint_target, SP_JOINTS);
-    sp_copy(l->reference.joint_target, l->form, SP_JOINTS);
-    if (!l->aborted) sp_excite(m, SP_EXCITED_JOINT, t, l->reference.joint_target);
-    for (int j = 0; j < SP_JOINTS; j++)
-        l->reference.joint_target[j] = sp_clip(l->reference.joint_target[j], -SP_ROBOT.joint_limit, SP_ROBOT.joint_limit);
-    l->finished = l->finished || (m->end > 0.0 && t >= m->end);
-}
-
 /* Turn the reference's heading towards that of the mission at a time. */
 static void turn(sp_loop *l, double t)
 {

@@ -24,6 +24,7 @@ int sp_read_mission(const char *text, sp_mission *mission, char *reason, size_t 
 const char *sp_read_excitation(sp_mission *mission, char **words, int count); /* what would have been valid, or NULL */
 void sp_excite(const sp_mission *mission, sp_excited excited, double t, double *values); /* add those at a time [s] */
 int sp_is_strained(const sp_loop *loop); /* whether a joint is farther from its command than the mission allows */
+void sp_next_form(sp_loop *loop, double t); /* the mission's target of the joints, with excitations, at a time [s] */
 
 /* orders.c: orders for the manager of both gaits. Functions return what would have been valid, or NULL if all is. */
 int sp_is_order(const char *word);
@@ -61,7 +62,6 @@ sp_fault sp_answer(sp_loop *loop, const sp_allocation *allocation, const sp_comm
 /* loop.c: the runner's tick: check the input, estimate, control, stop. A pure function of its inputs. */
 const char *sp_loop_init(sp_loop *loop, const sp_mission *mission); /* NULL, or why the mission is refused */
 void sp_loop_tick(sp_loop *loop, const sp_loop_input *input, sp_loop_output *output);
-void sp_next_form(sp_loop *loop, double t); /* the mission's target of the joints, with excitations, at a time [s] */
 const char *sp_fault_words(int32_t fault);
 const char *sp_stage_words(int32_t stage);
 
