@@ -13,6 +13,7 @@ from spidar_gym.cli.bench import PARTS, bench_table, run_bench
 from spidar_gym.cli.docs import docs
 from spidar_gym.cli.evaluate import BASELINES, board_app, eval_, scenarios
 from spidar_gym.cli.export import export_
+from spidar_gym.cli.identify import identify_
 from spidar_gym.cli.log import log_app
 from spidar_gym.cli.paper import paper_app
 from spidar_gym.cli.run import run
@@ -47,6 +48,7 @@ app.command(name="export")(export_)
 app.command(docs)
 app.command(sitl_app, name="sitl", help="Software in the loop: the C runner drives the simulated robot.")
 app.command(log_app, name="log", help="Describe logs of runner, robot and simulation; convert them to MCAP or CSV.")
+app.command(name="identify")(identify_)
 
 
 @app.command

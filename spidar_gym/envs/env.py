@@ -154,6 +154,7 @@ class SpidarEnv(
         self._randomization = Randomization.parse(randomization)
         self._disturbances = Disturbances.parse(disturbances)
         world = self._randomization.world
+        nominal = self._randomization.nominal(nominal)
         self._nominal = replace(
             nominal,
             joint_speed=joint_speed,

@@ -56,12 +56,13 @@ def read_spec(given: object, described: Mapping[str, Any], parts: Mapping[str, A
     """Read the arguments of a `RobotSpec` from a mapping or a TOML file.
 
     Args:
-        given: A mapping, or the path of a TOML file.
+        given: A mapping, or the path of a TOML file; of the file of an identified robot its table `robot` is read.
         described: Default values by field.
         parts: Parts whose masses may be set.
     """
     if isinstance(given, str | Path):
         given = _read(Path(given))
+        given = given["robot"] if isinstance(given.get("robot"), Mapping) and "row" in given else given
     for name, count in KIND.items():
         for key in (name, f"n_{name}"):
             if isinstance(given, Mapping) and key in given:

@@ -172,6 +172,10 @@ class Randomization:
             rows.append(replace(row, low=low, high=high, kinds=ends))
         return tuple(rows)
 
+    def nominal(self, plant: PlantConfig) -> PlantConfig:
+        """Return the robot from which samples deviate: the given one, with the values of an identified robot."""
+        return plant if self.world is None else self.world.nominal(plant)
+
     def table(self, nominal: PlantConfig) -> tuple[float, tuple[Row, ...]]:
         """Return the strength and the table to sample from.
 
@@ -182,7 +186,7 @@ class Randomization:
             InvalidValueError: For a calibrated world and another robot.
         """
         if self.world is not None:
-            if nominal.robot != ROBOT:
+            if nominal.robot not in (ROBOT, self.world.robot):
                 raise InvalidValueError("randomization", self.name, "a strength or ranges for a robot of another spec")
             return 1.0, self.rows
         table = self.rows if nominal.robot == ROBOT else tuple(_of(row, nominal.robot) for row in self.rows)
@@ -288,6 +292,7 @@ def randomize(
         InvalidValueError: For a strength outside 0 … 1.
     """
     how = Randomization.parse(how)
+    nominal = how.nominal(nominal)
     strength, table = how.table(nominal)
     kind = sample_kind(how, rng)
     draws = {}

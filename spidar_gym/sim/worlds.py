@@ -1,7 +1,9 @@
 """Calibrated worlds: files of kinds of robots, from which the randomisation samples an episode's robot.
 
 A world has mixtures, which explain the real robot's errors by different causes, and variants of the robot's hardware. A
-kind is a pair of both. An episode samples a kind, then the numbers of the kind's ranges.
+kind is a pair of both. An episode samples a kind, then the numbers of the kind's ranges. The world of an identified
+robot also has values that replace those of the described robot, from which ranges deviate, and the numbers of the robot
+that its controller is to know.
 """
 
 import hashlib
@@ -14,9 +16,13 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from spidar_gym.border import BorderError, read_file, require_form
 from spidar_gym.committed import ROOT
-from spidar_gym.errors import SpidarError, StaleAssetError, UnknownNameError
+from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, UnknownNameError
+from spidar_gym.robot import ROBOT, RobotSpec
+from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.ground import HIGHEST
 from spidar_gym.sim.rows import OPTIONAL_ROWS, ORIGINS, TABLE, Row
 
@@ -32,7 +38,7 @@ FORM = {
     "doc": str, "sensors": bool, "trimmed": bool, "floor_steps": float, "mixtures": {str: str}, "variants": {str: str},
     "row": [{"field": str, "origin": str, "source": str, "log": bool, "ranges": {str: [float, float]}}],
 }  # fmt: skip
-"""Form of a file."""
+"""Form of a file, apart from the tables `values` and `robot`, which are optional."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +63,10 @@ class World:
     """Name and description of each variant of the hardware."""
     rows: tuple[Row, ...]
     """Sampled parameters."""
+    values: tuple[tuple[str, float | tuple[Any, ...]], ...] = ()
+    """Values of fields of `PlantConfig` that replace the nominal ones, from which samples deviate."""
+    robot: RobotSpec = ROBOT
+    """The robot that the controller is to know."""
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -67,6 +77,14 @@ class World:
     def kinds(self) -> tuple[str, ...]:
         """Names of the kinds, `mixture-variant`."""
         return tuple("-".join(pair) for pair in self.pairs)
+
+    def nominal(self, plant: PlantConfig) -> PlantConfig:
+        """Return a robot with the world's values, from which samples deviate."""
+        parts: dict[str, dict[str, Any]] = {}
+        for field, value in self.values:
+            part, name = field.split(".")
+            parts.setdefault(part, {})[name] = np.array(value) if isinstance(value, tuple) else value
+        return replace(plant, **{part: replace(getattr(plant, part), **own) for part, own in parts.items()})
 
 
 def world_names() -> list[str]:
@@ -102,6 +120,7 @@ def read_world(path: Path) -> World:
         content = tomllib.loads(data.decode())
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise BorderError(f"no TOML: {error!s:.99}") from error
+    values, robot = content.pop("values", {}), content.pop("robot", {})
     require_form(content, FORM, path.stem)
     mixtures, variants = tuple(content["mixtures"].items()), tuple(content["variants"].items())
     kinds = list(product(content["mixtures"], content["variants"]))
@@ -118,7 +137,33 @@ def read_world(path: Path) -> World:
     if not 0.0 <= steps <= HIGHEST:
         raise BorderError(f"floor_steps {steps:g}, not 0 … {HIGHEST:g} m")
     how = content["sensors"], content["trimmed"], steps
-    return World(path.stem, content["doc"], hashlib.sha256(data).hexdigest(), *how, mixtures, variants, rows)
+    world = World(
+        path.stem, content["doc"], hashlib.sha256(data).hexdigest(), *how, mixtures, variants, rows, _values(values)
+    )
+    try:
+        world.nominal(PlantConfig())
+        return replace(world, robot=RobotSpec.parse(robot))
+    except InvalidValueError as error:
+        raise BorderError(f"values of no robot: {error}") from error
+
+
+def _values(given: object) -> tuple[tuple[str, float | tuple[Any, ...]], ...]:
+    """Read the table `values`: numbers, or arrays of the shape of their field."""
+    if not isinstance(given, dict):
+        raise BorderError("values is no table of fields")
+    known, found = {row.field: row for row in (*TABLE, *OPTIONAL_ROWS)}, []
+    for name, value in given.items():
+        if name not in known:
+            raise BorderError(f"a value of {name!r:.60}; valid: {', '.join(known)}")
+        shape = known[name].shape
+        try:
+            array = np.array(value, float)
+        except (TypeError, ValueError):
+            array = np.full(1, np.nan)
+        if array.shape != shape or not np.isfinite(array).all():
+            raise BorderError(f"values: {name} {value!s:.60}; valid: finite numbers of the shape {shape}")
+        found.append((name, tuple(array.tolist()) if shape else float(array)))
+    return tuple(found)
 
 
 def _row(entry: Mapping[str, Any], kinds: list[tuple[str, str]], names: list[str]) -> Row:

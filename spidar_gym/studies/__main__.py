@@ -10,7 +10,7 @@ from spidar_gym import margins as legs
 from spidar_gym import viz
 from spidar_gym.arguments import CrawlPresetArg, Flag, FlightPresetArg, JsonArg, choice
 from spidar_gym.benchmark.track import SCENARIOS, SPLITS
-from spidar_gym.console import drawn, progress, published, run_cli, studied
+from spidar_gym.console import drawn, goes_on, kept, named_steps, progress, published, run_cli, studied
 from spidar_gym.control.presets import controller_config
 from spidar_gym.errors import InvalidValueError, require_least, require_within
 from spidar_gym.files import output_folder, write_text
@@ -26,6 +26,7 @@ from spidar_gym.studies import energy as energies
 from spidar_gym.studies import flights as flight_study
 from spidar_gym.studies import frontier as frontier_study
 from spidar_gym.studies import gates as gate_study
+from spidar_gym.studies import hidden as hidden_study
 from spidar_gym.studies import hops as hop_study
 from spidar_gym.studies import lost as lost_study
 from spidar_gym.studies import margins as margin_study
@@ -101,6 +102,27 @@ def hops(
         ),
         table=lambda rows: format_table(hop_study.hop_lines(rows)),
     )  # fmt: skip
+
+
+@app.command
+def hidden(
+    robots: int = 20, world: str = hidden_study.WORLD, out: Path = Path("out/hidden"), threads: int = cpu_count(),
+    json: JsonArg = False,
+) -> None:  # fmt: skip
+    """Identify robots whose parameters are sealed, from the logs of their tests, and compare afterwards; resumable.
+
+    Args:
+        robots: Number of robots, sampled with a seed of the operating system; one takes about 4 minutes of one core.
+        world: Calibrated world, or one kind of its robots.
+        out: Folder for logs, reports, their hashes, the sealed parameters, and hidden.json.
+        threads: Threads of an identification.
+    """
+    require_least(1, robots=robots, threads=threads)
+    require_world(world.partition(":")[0])
+    folder = output_folder(out)
+    with progress(total=2 * robots, unit="step", desc="hidden") as bar, kept(goes_on(bar, folder)):
+        rows = hidden_study.hidden(folder, robots, world=world, threads=threads, on_step=named_steps(bar))
+    print(published(folder, "hidden", {"hidden": rows}, format_table(hidden_study.hidden_lines(rows)), json))
 
 
 @app.command

@@ -1,0 +1,1 @@
+"""Identification of a robot's parameters from the logs of its tests."""
