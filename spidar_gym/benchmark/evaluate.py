@@ -1,7 +1,9 @@
 """Evaluation in shards of one scenario each, in processes or on a Ray cluster; stored shards make it resumable."""
 
+import hashlib
+import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +12,11 @@ import numpy as np
 from spidar_gym.benchmark.content import check_times
 from spidar_gym.benchmark.metrics import check_metrics, told_in
 from spidar_gym.benchmark.resume import code_digest, digest_of, finish
-from spidar_gym.benchmark.scenario import Scenario, load_scenarios
+from spidar_gym.benchmark.scenario import Scenario, load_scenarios, robot_scenarios, scenario_rng
 from spidar_gym.benchmark.scoring import ACT_LIMIT_S, CONTROL, play_scenario, play_scenarios
-from spidar_gym.benchmark.track import TRACKS, Track
+from spidar_gym.benchmark.track import SCENARIOS, TRACKS, Track, find_track
 from spidar_gym.border import require_form
-from spidar_gym.errors import InvalidValueError, require_least
+from spidar_gym.errors import InvalidValueError, require_least, require_name
 from spidar_gym.policies.guest import close_guests, keeps_to_itself, open_policy
 from spidar_gym.policies.policy import Policy, acts_in_batches, policy_digest, policy_name
 
@@ -118,6 +120,7 @@ def evaluate(
     scenarios: int | Sequence[int] | None = None,
     *,
     split: str = "test",
+    robots: str = "",
     workers: int = 1,
     folder: Path | None = None,
     ray: str | None = None,
@@ -134,6 +137,8 @@ def evaluate(
         track: Track.
         scenarios: Number of scenarios from the first, their indices, or None for all.
         split: One of `SPLITS`.
+        robots: File or name of a calibrated world whose robots replace those of a calibrated track; the scenarios are
+            sampled anew, with the same starts and goals.
         workers: Number of processes.
         folder: Folder for finished scenarios, from which an interrupted evaluation resumes.
         ray: Address of a Ray cluster, `local` for one of `workers` workers on this machine.
@@ -147,7 +152,7 @@ def evaluate(
         UnknownNameError: For a track or split that does not exist.
         InvalidValueError: For scenarios that the track does not have, or options that need a specification.
     """
-    every, digest = load_scenarios(track, split)
+    every, digest = _with_robots(track, split, robots) if robots else load_scenarios(track, split)
     if isinstance(scenarios, int) and not 1 <= scenarios <= len(every):
         raise InvalidValueError("scenarios", scenarios, f"a number within 1 … {len(every)}")
     indices = range(scenarios or len(every)) if scenarios is None or isinstance(scenarios, int) else scenarios
@@ -172,6 +177,13 @@ def evaluate(
     names = told_in(TRACKS[track].world)
     columns = {name: [result["metrics"][name] for result in results] for name in names}
     return Score(track, split, digest, tuple(indices), columns, [result["timing"] for result in results])
+
+
+def _with_robots(track: str, split: str, robots: str) -> tuple[tuple[Scenario, ...], str]:
+    """Sample the scenarios of a track with other robots, and hash them."""
+    require_name("split", split, find_track(track).splits)
+    found = robot_scenarios(track, robots, (scenario_rng(track, split, k) for k in range(SCENARIOS)))
+    return found, hashlib.sha256(json.dumps([asdict(each) for each in found]).encode()).hexdigest()
 
 
 def evaluate_runs(

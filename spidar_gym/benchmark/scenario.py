@@ -3,8 +3,8 @@
 import hashlib
 import json
 import zlib
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,10 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import PATH
-from spidar_gym.errors import SpidarError, StaleAssetError, require_name
+from spidar_gym.errors import InvalidValueError, SpidarError, StaleAssetError, require_name
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot.description import assets_dir
+from spidar_gym.sim.randomize import Randomization
 from spidar_gym.so3 import exp
 from spidar_gym.tasks.course import CourseTask
 from spidar_gym.tasks.hover import HoverTask
@@ -124,6 +125,32 @@ def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Sc
         start["trim"] = trim.round(3).tolist()
     env.close()
     return Scenario(index, seed, options, start, disturbances, robot_digest(env.sampled_parameters))
+
+
+def robot_scenarios(name: str, robots: str, rngs: Iterable[np.random.Generator]) -> tuple[Scenario, ...]:
+    """Sample scenarios of a calibrated track with the robots of another world, as that of an identified robot.
+
+    Args:
+        name: Track (`UnknownNameError` if it does not exist).
+        robots: File or name of a calibrated world, whose kinds the scenarios have in turn.
+        rngs: Generator of each scenario.
+
+    Raises:
+        InvalidValueError: For a track without calibrated robots, or anything else than a calibrated world.
+    """
+    track, found = find_track(name), Randomization.parse(robots)
+    if not track.is_calibrated:
+        valid = [own for own, each in TRACKS.items() if each.is_calibrated]
+        raise InvalidValueError("tracks", name, f"with other robots, a calibrated track: {', '.join(valid)}")
+    if found.world is None:
+        raise InvalidValueError("robots", robots, "the name or file of a calibrated world")
+    drawn = []
+    for index, rng in enumerate(rngs):
+        kind = found.in_turn(index).name.partition(":")[2]
+        own = {"randomization": f"{robots}:{kind}"}
+        scenario = draw_scenario_from(replace(track, options={**track.options, **own}), rng, index)
+        drawn.append(replace(scenario, options={**scenario.options, **own}))
+    return tuple(drawn)
 
 
 def _mean_air_force(track: Track, scenario: Scenario) -> np.ndarray:

@@ -2,9 +2,10 @@
 
 import importlib.util
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -37,10 +38,12 @@ from spidar_gym.cli.held_out import held_out
 from spidar_gym.console import drawn, goes_on, kept, progress
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, require_least, require_name
 from spidar_gym.files import json_text, refresh, write_text
+from spidar_gym.paper.calibration import require_robots
 from spidar_gym.policies.guest import open_policy
 from spidar_gym.policies.policy import defined_on, policy_name
 from spidar_gym.processes import cpu_count
 from spidar_gym.robot.description import assets_dir
+from spidar_gym.text import format_table
 
 BASELINES = (
     "baselines.qp:QP", "baselines.qp_as_flown:QPAsFlown", "baselines.qp_as_flown_quasi:QPAsFlownQuasi",
@@ -70,6 +73,7 @@ def eval_(
     baselines: Flag = False,
     split: SplitArg = "test",
     scenarios: int = SCENARIOS,
+    robots: Path | None = None,
     out: Path = Path("out/scores"),
     cache: Path = Path("out/eval"),
     workers: int = cpu_count(),
@@ -88,6 +92,8 @@ def eval_(
         split: Scenarios to use: test; validation for choosing among your own policies; second for the second draw of
             the calibrated tracks.
         scenarios: Number of scenarios per track, from the first.
+        robots: File of a calibrated world or of an identified robot, whose robots replace those of the calibrated
+            tracks; prints the scores, and writes no row.
         out: Folder for the row, NAME.json; a row of the second draw is written to its subfolder second.
         cache: Folder for finished scenarios, from which an interrupted evaluation resumes.
         workers: Number of processes, or of workers of a local Ray cluster.
@@ -96,6 +102,10 @@ def eval_(
         trust: Load zips saved by Stable-Baselines3. They can run any code: use only files that you trust.
     """
     _check_eval(policy, tracks, baselines, split, scenarios, workers, act_limit)
+    if robots is not None:
+        how = dict(split=split, workers=workers, folder=cache, ray=ray, act_limit_s=act_limit, trust=trust)
+        _eval_with(robots, [(spec,) for spec in BASELINES] if baselines else [policy], tracks, scenarios, how, json)
+        return
     rows: list[Row] = []
     folder = out / SECOND if split == SECOND else out
     for specs in [(spec,) for spec in BASELINES] if baselines else [policy]:
@@ -124,6 +134,47 @@ def eval_(
     for row in rows:
         print(report(row, references))
         print(f"written to {folder / (row.name + '.json')}\n")
+
+
+def _eval_with(
+    robots: Path, policies: Sequence[tuple[str, ...]], tracks: tuple[str, ...], scenarios: int, how: dict[str, Any],
+    json: bool,
+) -> None:  # fmt: skip
+    """Evaluate policies on the calibrated tracks with other robots, and print the scores."""
+    require_robots(str(robots))
+    rows = []
+    for specs in policies:
+        opened = [open_policy(spec, trust=how["trust"]) for spec in specs]
+        require_one_policy(opened, specs)
+        defined = defined_on(opened[0])
+        named = tracks or tuple(name for name, track in TRACKS.items() if track.is_calibrated)
+        chosen = [name for name in named if TRACKS[name].env_id in defined]
+        with progress(total=len(chosen) * scenarios * len(specs), unit="scenario", desc=policy_name(opened[0])) as bar:
+            scores = evaluate_runs(
+                specs,
+                chosen,
+                scenarios,
+                robots=str(robots),
+                on_scenario=bar.update,
+                on_track=bar.set_postfix_str,
+                **how,
+            )
+        for track, runs in scores.items():
+            errors = np.concatenate([run.errors for run in runs])
+            rows.append({
+                "policy": policy_name(opened[0]), "track": track, "episodes": len(errors), "error": float(errors.mean()),
+                "success": float(np.mean([run.success for run in runs])),
+                "failed": float(np.mean([own for run in runs for own in run.metrics["failure"]])),
+            })  # fmt: skip
+    if json:
+        print(json_text({"robots": str(robots), "scores": rows}))
+        return
+    lines = [["policy", "track", "episodes", "error", "success", "failed"]]
+    lines += [
+        [row["policy"], row["track"], f"{row['episodes']}", f"{row['error']:.3f}", f"{row['success']:.0%}",
+         f"{row['failed']:.0%}"] for row in rows
+    ]  # fmt: skip
+    print(format_table(lines))
 
 
 def _check_eval(

@@ -61,6 +61,7 @@ def tune(
     scenarios: int = 3,
     seed: int = 0,
     workers: int = cpu_count(),
+    robots: Path | None = None,
 ) -> None:
     """Tune a controller's parameters: flight and crawl with CMA-ES, the others by pattern search; resumable.
 
@@ -74,6 +75,8 @@ def tune(
             A pattern search uses the same scenarios in all generations.
         seed: Seed of the search.
         workers: Number of processes.
+        robots: File of a calibrated world or of an identified robot, whose robots replace those of the calibrated
+            tracks and of the margins that are held: for steady and steady_crawl.
     """
     candidates = tuning.candidates(search, population)
     how = dict(generations=generations, population=candidates, scenarios=scenarios, seed=seed, workers=workers)
@@ -82,7 +85,7 @@ def tune(
     total = sum(tuning.pieces(search, candidates, k) for k in range(generations))
     with progress(total=total, unit="play", desc=f"tune {search}") as bar, kept(goes_on(bar, folder)):
         last = tuning.tune(
-            search, folder, **how, on_piece=bar.update,
+            search, folder, **how, robots="" if robots is None else str(robots), on_piece=bar.update,
             on_generation=lambda line: bar.set_postfix(gain=math.exp(line["reference"] - line["cost"])),
         )  # fmt: skip
     found = tuning.find_search(search)

@@ -38,6 +38,10 @@ class Estimate:
         """Whether the log tells each number."""
         return np.asarray(self.deviation < TOLD * self.known)
 
+    def over(self, number: float) -> "Estimate":
+        """Return the numbers divided by a number that is known."""
+        return Estimate(*(np.array(own / number) for own in (self.value, self.deviation, self.known)))
+
     def mean(self) -> "Estimate":
         """Return one number for all: the weighted mean, with the scatter beyond the deviations in its deviation."""
         weight = 1.0 / np.maximum(self.deviation, 1e-12) ** 2

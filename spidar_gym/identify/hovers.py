@@ -33,6 +33,8 @@ SPREAD = {
 encoders' stamps [s]; factor on the mass of a link; tilt of a thrust, vectoring offset and ducts together [rad]; shift
 of a centre of mass [m]; steady horizontal force in world axes, a tilted frame of the motion capture included [N];
 steady force [N] and torque [Nm] of the air in a form, torso axes."""
+LAG_FLOOR = 0.001
+"""Deviation of all lags that time stamps and physics steps leave open [s] [chosen]."""
 NUDGE = 1e-3
 """Step of derivatives by lags and delays [s]."""
 STEPS = 6
@@ -188,6 +190,7 @@ def fit_hovers(
         lag = np.clip(lag + np.clip(value[index["lag"]], -0.02, 0.02), LEAST_LAG, MOST_LAG)
         late = late + float(value[index["delay"]][0])
         on_step()
+    covariance[index["lag"], index["lag"]] += LAG_FLOOR**2
     deviation = np.sqrt(np.diag(covariance))
 
     def found(name: str, shape: tuple[int, ...], start: np.ndarray | float = 0.0) -> Estimate:

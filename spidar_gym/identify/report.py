@@ -99,7 +99,7 @@ def report_lines(found: Identified, sensors: Sensors) -> list[Line]:
     for key in ("gain_over_mass", "mean_gain_over_mass", "lag", "mean_lag", "tilt", "torso_com", "wind"):
         own = None if hovers is None else getattr(hovers, over.get(key, key))
         if own is not None and key in over:
-            own = Estimate(own.value / mass, own.deviation / mass, own.known / mass)
+            own = own.over(mass)
         lines += _lines(key, own)
     if hovers is not None:
         for form, own in zip(hovers.forms, _split(hovers.air), strict=True):

@@ -16,7 +16,7 @@ import numpy as np
 
 from spidar_gym.benchmark.evaluate import play
 from spidar_gym.benchmark.resume import finish
-from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from
+from spidar_gym.benchmark.scenario import Scenario, draw_scenario_from, robot_scenarios
 from spidar_gym.benchmark.track import CALIBRATED, CAP, FLIGHT, GROUND, REST_S, TRACKS, WORLD
 from spidar_gym.border import BorderError, parse_json, read_file, require_form
 from spidar_gym.control.crawl.controller import CrawlerConfig
@@ -28,6 +28,8 @@ from spidar_gym.files import json_text, write_text
 from spidar_gym.margins import flight_law, flight_mode, legs_shortfall
 from spidar_gym.policies.presets import OwnController
 from spidar_gym.policies.source import load_module, module_of
+from spidar_gym.sim.randomize import Randomization
+from spidar_gym.sim.worlds import World
 from spidar_gym.tune import crawl, flight
 from spidar_gym.tune.evolution import Cma, Evolution, Pattern, better
 from spidar_gym.tune.parameter import Parameter, decode
@@ -53,7 +55,7 @@ FORM = {
     ],
     "sha256": str,
 }  # fmt: skip
-"""Structure of a log."""
+"""Structure of a log; a search with other robots has the digest of their file in its settings too."""
 
 
 @dataclass(frozen=True)
@@ -97,13 +99,13 @@ class Search:
         """Return the track of the benchmark of one of `tracks`."""
         return self.tracks[0] if name in self.options else name
 
-    def shortfall(self, values: dict[str, float]) -> float:
-        """Return the shortfall of the margins."""
+    def shortfall(self, values: dict[str, float], robots: str = "") -> float:
+        """Return the shortfall of the margins, those with legs that bend over `robots` if given."""
         rigid = 0.0 if self.loops is None else flight.shortfall(self.loops(values))
         if not self.legs:
             return rigid
         arguments = self.arguments(values)
-        return rigid + legs_shortfall(flight_law(arguments), self.legs, flight_mode(arguments))
+        return rigid + legs_shortfall(flight_law(arguments), robots or self.legs, flight_mode(arguments))
 
 
 def flight_search(
@@ -234,6 +236,8 @@ class Candidate:
     """Name of the track; empty for the margins."""
     scenarios: tuple[Scenario, ...] = ()
     """Scenarios to run."""
+    robots: str = ""
+    """World whose robots replace those of the search; none if empty."""
 
 
 def play_candidate(candidate: Candidate) -> dict[str, Any]:
@@ -243,7 +247,7 @@ def play_candidate(candidate: Candidate) -> dict[str, Any]:
     """
     search = find_search(candidate.search)
     if not candidate.track:
-        return {"shortfall": _shortfall(search, None if candidate.values is None else dict(candidate.values))}
+        return {"shortfall": _shortfall(search, candidate.values, candidate.robots)}
     if candidate.values is None:
         arguments: dict[str, Any] = {"preset": search.reference}
     else:
@@ -262,15 +266,24 @@ def play_candidate(candidate: Candidate) -> dict[str, Any]:
     return {"errors": errors, "ticks": round(sum(seconds) * CONTROL_RATE)}
 
 
-def draw_scenarios(name: str, generation: int, seed: int, count: int) -> dict[str, tuple[Scenario, ...]]:
-    """Sample the scenarios of a generation, which all its candidates share; return track → scenarios."""
+def draw_scenarios(
+    name: str, generation: int, seed: int, count: int, robots: str = ""
+) -> dict[str, tuple[Scenario, ...]]:  # fmt: skip
+    """Sample the scenarios of a generation, which all its candidates share; return track → scenarios.
+
+    With `robots`, a calibrated world, its robots replace those of the calibrated tracks.
+    """
     found, search = {}, find_search(name)
     for track in search.tracks:
         rngs = (
             np.random.Generator(np.random.PCG64([zlib.crc32(track.encode()), DRAWS, seed, generation, k]))
             for k in range(count)
         )
-        drawn = (draw_scenario_from(TRACKS[search.track(track)], rng, k) for k, rng in enumerate(rngs))
+        own = search.track(track)
+        if robots and TRACKS[own].is_calibrated:
+            drawn = iter(robot_scenarios(own, robots, rngs))
+        else:
+            drawn = (draw_scenario_from(TRACKS[own], rng, k) for k, rng in enumerate(rngs))
         more = search.options.get(track, {})
         found[track] = tuple(replace(one, options={**one.options, **more}) for one in drawn)
     return found
@@ -291,6 +304,23 @@ def check_search(name: str, *, generations: int, population: int, scenarios: int
     require_least(1, generations=generations, scenarios=scenarios, workers=workers)
     require_least(2, population=population)
     require_least(0, seed=seed)
+
+
+def _world_of(robots: str) -> World:
+    """Return a calibrated world by name or file (`InvalidValueError` for another randomisation)."""
+    world = Randomization.parse(robots).world
+    if world is None:
+        raise InvalidValueError("robots", robots, "the name or file of a calibrated world")
+    return world
+
+
+def _require_calibrated(name: str, robots: str) -> None:
+    """Require a search on calibrated tracks for other robots (`InvalidValueError`)."""
+    search = find_search(name)
+    if not any(TRACKS[search.track(track)].is_calibrated for track in search.tracks):
+        own = [other for other, each in SEARCHES.items() if each.group in CALIBRATED.values()]
+        raise InvalidValueError("robots", robots, f"none for {name}; with robots, a search of {', '.join(own)}")
+    _world_of(robots)
 
 
 def candidates(name: str, population: int | None) -> int:
@@ -326,6 +356,7 @@ def tune(
     scenarios: int,
     seed: int,
     workers: int,
+    robots: str = "",
     on_piece: Callable[[], object] = lambda: None,
     on_generation: Callable[[dict[str, Any]], object] = lambda _: None,
 ) -> dict[str, Any]:
@@ -340,6 +371,8 @@ def tune(
         scenarios: Number of scenarios per track and candidate.
         seed: Seed of the search; settings that differ from those of an unfinished search are refused.
         workers: Number of processes.
+        robots: File of a calibrated world or of an identified robot, whose robots replace those of the calibrated
+            tracks and of the margins.
         on_piece: Called after every job.
         on_generation: Called with the first entries of each line of the log.
 
@@ -349,7 +382,10 @@ def tune(
     check_search(
         name, generations=generations, population=population, scenarios=scenarios, seed=seed, workers=workers
     )  # fmt: skip
+    if robots:
+        _require_calibrated(name, robots)
     settings = {"search": name, "population": population, "scenarios": scenarios, "seed": seed}
+    settings |= {"robots": _world_of(robots).digest} if robots else {}
     path, unfinished = folder / log_name(name), folder / f"{find_search(name).name}-unfinished"
     search, lines = find_search(name), read_log(path, settings)
     evolution = _evolution(search, population, seed)
@@ -364,9 +400,9 @@ def tune(
         knows = search.by_pattern and generation > 0
         # The mean of the distribution is evaluated too: it is the solution, so the log must contain its cost.
         values += [] if knows else [search.settle(decode(search.parameters, mean)), None]
-        drawn = draw_scenarios(name, 0 if search.by_pattern else generation, seed, scenarios)
+        drawn = draw_scenarios(name, 0 if search.by_pattern else generation, seed, scenarios, robots)
         jobs = [Candidate(name, own, track, drawn[track]) for own in values for track in drawn]
-        jobs += [Candidate(name, own, "") for own in values]
+        jobs += [Candidate(name, own, "", robots=robots) for own in values]
         found = finish(play_candidate, jobs, workers=workers, folder=unfinished, on_done=lambda *_: on_piece())
         played, margins = found[: -len(values)], [one["shortfall"] for one in found[-len(values) :]]
         means = np.array([np.mean(one["errors"]) for one in played]).reshape(len(values), len(drawn))
@@ -380,7 +416,7 @@ def tune(
         kept = _told(search, mean, evolution)
         lack = next((lack for own, lack in zip(values, margins, strict=True) if own == kept), None)
         if lack is None:  # a pattern search's point of an earlier generation
-            lack = lines[-1]["shortfall"] if search.legs else _shortfall(search, kept)
+            lack = lines[-1]["shortfall"] if search.legs else _shortfall(search, kept, robots)
         lines.append(_line(name, generation, costs, told, ticks, evolution, lack))
         write_text(path, log_text(settings, lines))
         shutil.rmtree(unfinished, ignore_errors=True)
@@ -405,10 +441,10 @@ def log_name(name: str) -> str:
     return f"{find_search(name).name}.json"
 
 
-def _shortfall(search: Search, values: dict[str, float] | None) -> float:
+def _shortfall(search: Search, values: Mapping[str, float] | None, robots: str = "") -> float:
     """Return the shortfall of the margins of parameters; 0 for the reference."""
     try:
-        return 0.0 if values is None else search.shortfall(values)
+        return 0.0 if values is None else search.shortfall(dict(values), robots)
     except InvalidValueError:
         return 0.0  # its errors are `CAP`
 
@@ -452,7 +488,8 @@ def read_log(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
     try:
         data = read_file(path, MOST_BYTES)
         content = parse_json(data)
-        require_form(content, FORM, path.name)
+        own = {"robots": str} if "robots" in settings else {}
+        require_form(content, {**FORM, "settings": FORM["settings"] | own}, path.name)
         if data != log_text(content["settings"], content["log"]).encode():
             raise BorderError("its checksum is not that of its content")
     except BorderError as error:

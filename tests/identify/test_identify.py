@@ -116,18 +116,18 @@ def test_the_file_is_a_world_and_a_robot(out):
         info = env.reset(seed=3)[1]["randomization"]
         assert min(kd) - 0.2 < info["actuators.joint_kd"] < max(kd) + 0.2
         assert 15.0 < info["body.total_mass"] < 17.0
-        assert env.unwrapped.plant.config.actuators.module_gain == pytest.approx(mean, abs=0.1)
+        assert env.get_wrapper_attr("plant").config.actuators.module_gain == pytest.approx(mean, abs=0.1)
         env.close()
 
 
 @needs_compiler
 @pytest.mark.slow
-def test_logs_without_a_test_are_refused(logs, capsys):
+def test_logs_without_a_test_are_refused(logs, capfd):
     record = read_log(logs / "bench.log")
     with pytest.raises(SystemExit) as stop:
         main(["identify", str(logs / "bench.log"), str(logs / "bench.log"), "--out", str(logs / "two" / "robot.toml")])
     assert stop.value.code == 2
-    assert "several logs of one test" in capsys.readouterr().err
+    assert "several logs of one test" in capfd.readouterr().err
     assert not list((logs / "two").iterdir())
     with pytest.raises(UnfitLogError, match="bench test"):
         identify([("empty", type(record)("run", {}))])
