@@ -162,7 +162,8 @@ def _eval_with(
         for track, runs in scores.items():
             errors = np.concatenate([run.errors for run in runs])
             rows.append({
-                "policy": policy_name(opened[0]), "track": track, "episodes": len(errors), "error": float(errors.mean()),
+                "policy": policy_name(opened[0]), "track": track, "episodes": len(errors),
+                "error": float(errors.mean()),
                 "success": float(np.mean([run.success for run in runs])),
                 "failed": float(np.mean([own for run in runs for own in run.metrics["failure"]])),
             })  # fmt: skip
