@@ -165,7 +165,7 @@ def _eval_with(
                 "policy": policy_name(opened[0]), "track": track, "episodes": len(errors),
                 "error": float(errors.mean()),
                 "success": float(np.mean([run.success for run in runs])),
-                "failed": float(np.mean([own for run in runs for own in run.metrics["failure"]])),
+                "failed": float(np.mean([bool(own) for run in runs for own in run.metrics["failure"]])),
             })  # fmt: skip
     if json:
         print(json_text({"robots": str(robots), "scores": rows}))
