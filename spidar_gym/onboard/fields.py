@@ -138,6 +138,7 @@ def _fields(struct: str, way: tuple[str | int, ...]) -> Iterator[Field]:
     """Yield the fields of a struct to which these members lead."""
     for names, kind, shape, doc, *stated in _tables()[struct].rows:
         for name in names.split():
+            given: Any = stated[0] if stated else None  # as the table has no bounds for each name here
             at, count = (struct, name), int(np.prod(shape, dtype=int))
             if at in STRUCTURE | ELSEWHERE:
                 continue
@@ -146,7 +147,7 @@ def _fields(struct: str, way: tuple[str | int, ...]) -> Iterator[Field]:
                     yield from _fields(kind, inner)
                 continue
             unit, words = unit_of(doc), WORDS.get(at, ())
-            least, most = map(float, RANGES.get(at) or (stated[0] if stated else UNITS[unit]))
+            least, most = map(float, RANGES.get(at) or given or UNITS[unit])
             yield Field(
                 (*way, name), "word" if words else unit.replace(" ", "·"), count, kind == "i4", least, most, words
             )

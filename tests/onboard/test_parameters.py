@@ -1,4 +1,4 @@
-"""Pins parameters read at start: the same bits as compiled ones, in C as in Python; other files are refused in a line."""
+"""Pins parameters read at start: the bits of compiled ones, in C as in Python; other files are refused in one line."""
 
 import ctypes
 import hashlib
@@ -141,17 +141,18 @@ def test_a_run_with_a_file_is_of_its_robot_and_its_log_replays_without_it(librar
     assert read_log(log).properties["parameters"] == hashlib.sha256(long_file.read_bytes()[:-72]).hexdigest()
 
 
+def outputs_of(stream, count):
+    """The first outputs of a recorded run."""
+    return np.frombuffer(b"".join(stream.answers[:count]), log_layouts()["loop_output"])
+
+
 def test_a_log_with_an_impossible_robot_is_refused(hover, checked, tmp_path):
     mission = hover.mission.copy()
     mission["robot"]["tree"]["parent"][3] = 2**30
-    hover.write(tmp_path / "log", hover.inputs[:20], Loop_outputs(hover, 20), mission)
+    hover.write(tmp_path / "log", hover.inputs[:20], outputs_of(hover, 20), mission)
     done = said(checked, "replay", tmp_path / "log", tmp_path / "out")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr[-2000:]
     assert "the log needs what this export lacks" in done.stderr
-
-
-def Loop_outputs(stream, count):
-    return np.frombuffer(b"".join(stream.answers[:count]), log_layouts()["loop_output"])
 
 
 # Gains and limits.
@@ -280,7 +281,9 @@ REFUSED = {
         edited(STEADY, rb"flight\.steady\.lock\.most .*\n(?:.*\n)*", rb""),
         "flight.steady.lock.most rad and 1 numbers within 0 … 6.28319",
     ),
-    "no model": (edited(STEADY, rb"robot\.model sha256 .*", rb"robot.model sha256 x"), "robot.model sha256 and 64 digits"),
+    "no model": (
+        edited(STEADY, rb"robot\.model sha256 .*", rb"robot.model sha256 x"), "robot.model sha256 and 64 digits"
+    ),
     "long line": (edited(STEADY, rb"(robot\.max_thrust N .*)", rb"\1 #" + b"x" * 1100), THRUST),
     "negative mass": (
         edited(STEADY, rb"(robot\.tree\[4\]\.mass kg) ", rb"\1 -"),
@@ -302,7 +305,8 @@ REFUSED = {
         IMPOSSIBLE + "a weight, and a thrust in a hover, of the bodies' masses",
     ),
     "too weak": (
-        edited(STEADY, rb"(robot\.max_thrust N) .*", rb"\1 10.0"), IMPOSSIBLE + "a weight below the thrust of its rotors"
+        edited(STEADY, rb"(robot\.max_thrust N) .*", rb"\1 10.0"),
+        IMPOSSIBLE + "a weight below the thrust of its rotors",
     ),
 }  # fmt: skip
 
