@@ -88,10 +88,10 @@ def export_files(
     presets = exported(robot) if presets is None else presets
     if not presets:
         raise InvalidValueError("presets", list(presets), "at least one flight preset")
-    if not fragile:
-        require_margins(presets, robot)
     if residual is not None and robot != ROBOT:
         raise InvalidValueError("residual", str(residual), "none: it was learned on the nominal robot, not on this one")
+    if not fragile:
+        require_margins(presets, robot)
     if residual is not None:
         residual = artifact_file(residual)
         artifact = read_artifact(residual)
