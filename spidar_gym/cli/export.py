@@ -39,7 +39,8 @@ def export_(
     """Export the controller as C sources that require only a C compiler.
 
     Args:
-        out: Output folder: core, solver, runner, missions, recorded inputs with expected outputs, manifest of hashes.
+        out: Output folder: core, solver, runner, missions, parameter file, recorded inputs with expected outputs,
+            manifest of hashes.
         residual: Artifact of a learned policy whose actions are added to the controller; exported with it.
         residual_rate: Limit of the rate of every entry of the residual action, which is within −1 … 1 [1/s].
         robot: TOML file of a custom robot; its missions are a flight, a crawl, a hover and the tests, without courses.
@@ -62,6 +63,13 @@ def export_(
     plans += tuple(robot_test(name, flown) for name in ROBOT_TESTS)
     missions = {f"missions/{plan.name}.txt": plan.text.encode() for plan in plans}
     written = export(
-        out, residual=residual, rate=residual_rate, extra=missions, robot=spec, presets=chosen, fragile=fragile
+        out,
+        residual=residual,
+        rate=residual_rate,
+        extra=missions,
+        robot=spec,
+        presets=chosen,
+        fragile=fragile,
+        **({} if robot is None else {"name": robot.stem}),
     )
     print(f"{len(written)} files in {out}")

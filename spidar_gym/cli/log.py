@@ -16,31 +16,26 @@ from spidar_gym.logs.mcap import NAMESPACE, mcap_library, write_mcap
 from spidar_gym.logs.open import read_log
 from spidar_gym.logs.record import Record
 from spidar_gym.logs.topics import FORMATS
-from spidar_gym.robot import ROBOT, RobotSpec
 
 log_app = tyro.extras.SubcommandApp()
 FileArg = Annotated[
     tyro.conf.Positional[Path], tyro.conf.arg(help="Log of the runner, MCAP with messages of ROS 1, or bag of ROS 1.")
 ]
 NamespaceArg = Annotated[str, tyro.conf.arg(help="Namespace of the robot's topics in MCAP and bags.")]
-RobotArg = Annotated[
-    Path | None,
-    tyro.conf.arg(help="TOML file of the robot whose runner wrote the log; the nominal robot if not given."),
-]
 
 
-def _read(file: Path, namespace: str, robot: Path | None) -> Record:
+def _read(file: Path, namespace: str) -> Record:
     if not namespace.startswith("/") or namespace.endswith("/"):
         raise InvalidValueError("namespace", namespace, "a name of ROS such as /spidar")
-    spec, size = ROBOT if robot is None else RobotSpec.parse(robot), file.stat().st_size if file.is_file() else 0
+    size = file.stat().st_size if file.is_file() else 0
     with progress(total=size, unit="B", unit_scale=True, desc=f"read {file.name}", leave=False, delay=1.0) as bar:
-        return read_log(file, namespace=namespace, robot=spec, on_bytes=bar.update)
+        return read_log(file, namespace=namespace, on_bytes=bar.update)
 
 
 @log_app.command
-def info(file: FileArg, namespace: NamespaceArg = NAMESPACE, robot: RobotArg = None, json: JsonArg = False) -> None:
+def info(file: FileArg, namespace: NamespaceArg = NAMESPACE, json: JsonArg = False) -> None:
     """Print what a log holds: topics with count, rate [Hz], largest gap [s] and units; events; damage."""
-    record = _read(file, namespace, robot)
+    record = _read(file, namespace)
     print(json_text(record_facts(record)) if json else record_table(record))
 
 
@@ -50,7 +45,6 @@ def convert(
     out: Path | None = None,
     csv: Path | None = None,
     namespace: NamespaceArg = NAMESPACE,
-    robot: RobotArg = None,
 ) -> None:
     """Convert a log to MCAP, or to CSV; times are in s, angles in rad, and every column states its unit.
 
@@ -66,7 +60,7 @@ def convert(
             raise SpidarError(f"{path} is the log itself; valid: another file, with --out")
     if target is not None:
         mcap_library()  # raises without the library, before the log is read
-    record = _read(file, namespace, robot)
+    record = _read(file, namespace)
     if not record.series:
         elsewhere = sorted({topic[: -len(name) - 1] for topic in record.others for name in FORMATS
                             if topic.endswith(f"/{name}")})  # fmt: skip

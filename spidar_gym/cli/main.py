@@ -16,6 +16,7 @@ from spidar_gym.cli.export import export_
 from spidar_gym.cli.identify import identify_
 from spidar_gym.cli.log import log_app
 from spidar_gym.cli.paper import paper_app
+from spidar_gym.cli.parameters import parameters
 from spidar_gym.cli.run import run
 from spidar_gym.cli.sitl import sitl_app
 from spidar_gym.cli.suite import suite
@@ -45,6 +46,7 @@ app.command(board_app, name="leaderboard", help="Build and show the leaderboard,
 app.command(suite)
 app.command(scenarios)
 app.command(name="export")(export_)
+app.command(parameters)
 app.command(docs)
 app.command(sitl_app, name="sitl", help="Software in the loop: the C runner drives the simulated robot.")
 app.command(log_app, name="log", help="Describe logs of runner, robot and simulation; convert them to MCAP or CSV.")

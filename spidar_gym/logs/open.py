@@ -7,14 +7,13 @@ from spidar_gym.border import BorderError
 from spidar_gym.logs import bag, mcap
 from spidar_gym.logs.record import Record
 from spidar_gym.logs.runner_log import is_runner_log, read_runner_log, runner_record
-from spidar_gym.robot import ROBOT, RobotSpec
 
 VALID = "a log of the runner, an MCAP with messages of ROS 1, a bag of ROS 1"
 """Kinds of logs."""
 
 
 def read_log(
-    path: str | Path, *, namespace: str = mcap.NAMESPACE, robot: RobotSpec = ROBOT,
+    path: str | Path, *, namespace: str = mcap.NAMESPACE,
     on_bytes: Callable[[int], object] = lambda count: None,
 ) -> Record:  # fmt: skip
     """Read a log; parts that are damaged or missing are left out, and `Record.warnings` states them.
@@ -22,7 +21,6 @@ def read_log(
     Args:
         path: A log of the runner, an MCAP or a bag of ROS 1.
         namespace: Namespace of the robot's topics in an MCAP or a bag.
-        robot: Robot of the export whose runner wrote the log.
         on_bytes: Called with a number of bytes that have been read, for progress; logs of the runner are read at once.
 
     Raises:
@@ -38,7 +36,7 @@ def read_log(
     except (OSError, ValueError) as error:
         raise BorderError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}; valid: {VALID}") from error
     if is_runner_log(start):
-        return runner_record(read_runner_log(path, robot))
+        return runner_record(read_runner_log(path))
     if start.startswith(mcap.MAGIC):
         return mcap.read_mcap(path, namespace=namespace, on_bytes=on_bytes)
     if start.startswith(bag.MAGIC):

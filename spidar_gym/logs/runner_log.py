@@ -16,6 +16,7 @@ from spidar_gym.logs.topics import FORMATS
 from spidar_gym.native.library import STATUS
 from spidar_gym.native.structs import WORDS
 from spidar_gym.onboard.messages import FORCE_LANDING, ORDERS, STATE_NAMES
+from spidar_gym.onboard.parameters import text_of
 from spidar_gym.onboard.runner_structs import (
     FAULTS,
     MAGIC,
@@ -27,7 +28,7 @@ from spidar_gym.onboard.runner_structs import (
     log_layouts,
     runner_hash,
 )
-from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_ROTORS, ROBOT, RobotSpec
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_ROTORS
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
 
 NEVER = -1e8
@@ -57,6 +58,10 @@ class RunnerLog:
     """Record of `sp_mission`."""
     interface: str
     """Hash of the interface."""
+    model: str
+    """SHA-256 of the robot's model."""
+    parameters: str
+    """SHA-256 of the runner's parameters: robot, gains and limits."""
     digest: str
     """SHA-256 of the file."""
     warnings: tuple[str, ...] = ()
@@ -68,12 +73,11 @@ def is_runner_log(start: bytes) -> bool:
     return start.startswith(MAGIC.encode())
 
 
-def read_runner_log(path: Path, robot: RobotSpec = ROBOT) -> RunnerLog:
+def read_runner_log(path: Path) -> RunnerLog:
     """Read the log of a run; ticks that are incomplete or damaged are left out, with a warning.
 
     Args:
         path: File that `runner sim --log` or `runner ros1 --log` wrote.
-        robot: Robot of the export that wrote it.
 
     Raises:
         BorderError: For a file that cannot be read or is no log of a run, and for logs of another interface.
@@ -88,11 +92,11 @@ def read_runner_log(path: Path, robot: RobotSpec = ROBOT) -> RunnerLog:
     head = np.frombuffer(data[: head_type.itemsize].ljust(head_type.itemsize, b"\0"), head_type)[0]
     if not is_runner_log(data) or head["kind"] != LogKind.RUN:
         raise BorderError(f"{path} is no log of a run; valid: what `runner sim --log` or `runner ros1 --log` wrote")
-    interface, ours = head["interface"].tobytes().decode(errors="replace"), runner_hash(robot)
+    interface, ours = head["interface"].tobytes().decode(errors="replace"), runner_hash()
     if interface != ours:
         raise BorderError(
             f"{path} is of the interface {interface!r:.60}, not {ours}; valid: conversion with the version of "
-            f"spidar_gym that wrote it, and the same robot"
+            f"spidar_gym that wrote it"
         )
     if len(data) < start:
         raise BorderError(
@@ -111,7 +115,8 @@ def read_runner_log(path: Path, robot: RobotSpec = ROBOT) -> RunnerLog:
         warnings.append(f"the file is cut: the last tick has {rest} of {tick.itemsize} bytes: left out")
     return RunnerLog(
         ticks["input"], ticks["output"], ticks["clock"], np.frombuffer(data, mission, 1, head_type.itemsize)[0],
-        interface, hashlib.sha256(data).hexdigest(), tuple(warnings),
+        interface, text_of(head["model"]), text_of(head["parameters"]), hashlib.sha256(data).hexdigest(),
+        tuple(warnings),
     )  # fmt: skip
 
 
@@ -138,6 +143,8 @@ def runner_record(log: RunnerLog) -> Record:
         ordered({series.topic: series for series in found}),
         properties={
             "interface": log.interface,
+            "model": log.model,
+            "parameters": log.parameters,
             "mission": MissionKind(int(log.mission["kind"])).name.lower() if _is_mission(log.mission) else "unknown",
             "sha256": log.digest,
         },

@@ -23,7 +23,9 @@ from spidar_gym.native.codegen.header import (
     structs_header,
 )
 from spidar_gym.native.recipe import interface_header, source_bytes
+from spidar_gym.onboard.fields import fields_header
 from spidar_gym.onboard.golden import golden_files
+from spidar_gym.onboard.parameters import digest_of, parameters_record, parameters_text
 from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.onboard.runner_structs import RUNNER, runner_hash, runner_header
 from spidar_gym.policies.artifact import read_artifact
@@ -62,6 +64,7 @@ def export_files(
     robot: RobotSpec = ROBOT,
     presets: Sequence[str] | None = None,
     fragile: bool = False,
+    name: str = "spidar",
 ) -> dict[str, bytes]:
     """Return path → content of the exported folder; reproducible.
 
@@ -73,6 +76,7 @@ def export_files(
         robot: The robot; a learned policy requires the nominal one.
         presets: Names of the flight presets; those of `exported` if None.
         fragile: Whether presets are exported whatever their margins are.
+        name: Name of the parameter file, `parameters/NAME.txt`.
 
     Raises:
         UnknownNameError: For a preset that does not exist.
@@ -84,10 +88,10 @@ def export_files(
     presets = exported(robot) if presets is None else presets
     if not presets:
         raise InvalidValueError("presets", list(presets), "at least one flight preset")
-    if not fragile:
-        require_margins(presets, robot)
     if residual is not None and robot != ROBOT:
         raise InvalidValueError("residual", str(residual), "none: it was learned on the nominal robot, not on this one")
+    if not fragile:
+        require_margins(presets, robot)
     if residual is not None:
         residual = artifact_file(residual)
         artifact = read_artifact(residual)
@@ -101,29 +105,31 @@ def export_files(
     for part, (sources, pattern) in PARTS.items():
         for source in sorted(sources.glob(pattern)):
             files[f"{part}/{source.name}"] = source_bytes(source)
-    for name in PAGES:
-        files[name] = source_bytes(ONBOARD / name)
+    for page in PAGES:
+        files[page] = source_bytes(ONBOARD / page)
+    parameters = parameters_text(parameters_record(robot, presets))
+    files[f"parameters/{name}.txt"] = parameters
     generated = {
         "constants": constants_header(), "structs": structs_header(), "modes": modes_header(),
-        "model": model_header(robot), "presets": presets_header(presets, robot),
+        "model": model_header(robot), "presets": presets_header(presets, robot, digest_of(parameters)),
         "policy": policy_header(artifact, rate),
-        "runner": runner_header(robot), "interface": interface_header(interface_hash()),
+        "runner": runner_header(), "fields": fields_header(), "interface": interface_header(interface_hash()),
     }  # fmt: skip
-    files |= {f"generated/spidar_{name}.h": text.encode() for name, text in generated.items()}
-    files |= {f"osqp/{name}": data for name, data in osqp_files().items()}
+    files |= {f"generated/spidar_{each}.h": text.encode() for each, text in generated.items()}
+    files |= {f"osqp/{each}": data for each, data in osqp_files().items()}
     if golden:
         files |= golden_files(robot)
     manifest = {
-        "interface": runner_hash(robot),
+        "interface": runner_hash(),
         "versions": {
             "spidar-gym": spidar_gym.__version__,
             "osqp": osqp_version(),
-            **{name: version(name) for name in ("pin", "numpy")},
+            **{each: version(each) for each in ("pin", "numpy")},
         },
-        "worlds": {name: find_world(name).digest for name in world_names()},
+        "worlds": {each: find_world(each).digest for each in world_names()},
         "presets": {"flight": list(presets), "margins": "not checked" if fragile else "held"},
         "residual": origin,
-        "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(files.items())},
+        "sha256": {each: hashlib.sha256(data).hexdigest() for each, data in sorted(files.items())},
     }
     files["MANIFEST.json"] = (json.dumps(manifest, indent=1) + "\n").encode()
     return files
@@ -132,10 +138,11 @@ def export_files(
 def export(
     folder: Path, *, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] | None = None,
     robot: RobotSpec = ROBOT, presets: Sequence[str] | None = None, fragile: bool = False,
+    name: str = "spidar",
 ) -> list[str]:  # fmt: skip
     """Write the folder, completely or not at all; returns the names of its files.
 
-    `residual`, `rate`, `extra`, `robot`, `presets` and `fragile` are as for `export_files`.
+    `residual`, `rate`, `extra`, `robot`, `presets`, `fragile` and `name` are as for `export_files`.
 
     Raises:
         SpidarError: If the folder holds other files or cannot be written.
@@ -148,7 +155,9 @@ def export(
     if not free:
         raise SpidarError(f"{folder} holds something else; valid: a new or empty folder, or one exported before")
     with whole_file(folder) as made:
-        files = export_files(residual=residual, rate=rate, extra=extra, robot=robot, presets=presets, fragile=fragile)
+        files = export_files(
+            residual=residual, rate=rate, extra=extra, robot=robot, presets=presets, fragile=fragile, name=name
+        )
         write_files(files, made)
     return sorted(files)
 

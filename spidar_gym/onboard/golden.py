@@ -12,10 +12,11 @@ from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.library import STATUS
 from spidar_gym.native.structs import fill
-from spidar_gym.onboard.runner_structs import MAGIC, LogKind, log_layouts, runner_hash
+from spidar_gym.onboard.runner_structs import DIGEST, MAGIC, LogKind, log_layouts, runner_hash
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot import ROBOT, RobotSpec
+from spidar_gym.robot.description import model_hash
 from spidar_gym.state import NO_RESIDUAL, Command, Reference, RobotState
 
 FLIGHT_TICKS, CRAWL_TICKS = 200, 500
@@ -66,8 +67,9 @@ class Log:
 
     def inputs(self) -> bytes:
         """Return the file that `runner replay` reads."""
-        magic, interface = (list(word.encode()) for word in (MAGIC, runner_hash(self._robot)))
-        head = _struct("log_head", magic=magic, interface=interface, kind=self._kind, ticks=len(self._inputs))
+        words = {"magic": MAGIC, "interface": runner_hash(), "model": model_hash(self._robot).ljust(DIGEST, "\0")}
+        text = {name: list(word.encode()) for name, word in words.items()}
+        head = _struct("log_head", **text, kind=self._kind, ticks=len(self._inputs))
         return b"".join([head, *self._front, *self._inputs])
 
     def outputs(self) -> bytes:

@@ -16,15 +16,17 @@ from spidar_gym.native.codegen.header import (
     define,
     enumeration,
     header,
+    initializer,
     interface_digest,
     interface_hash,
-    model_header,
     struct,
 )
 from spidar_gym.native.constants import MAX_ACTION, MAX_WAYPOINTS, Enumeration, snake
 from spidar_gym.native.core_structs import core_layouts
-from spidar_gym.native.structs import CStruct, dtypes
-from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec, source_doc
+from spidar_gym.native.structs import CStruct, dtypes, struct_of
+from spidar_gym.onboard.fields import fields_header
+from spidar_gym.onboard.limits import Limits
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, source_doc
 from spidar_gym.sim.sensors import ENCODER_PERIOD, IMU_PERIOD, POSE_PERIOD
 from spidar_gym.tasks.course import DECIDE
 
@@ -41,6 +43,9 @@ FASTEST_EXCITATION = 10.0
 ORDER_TEXT, MOST_ORDERS, REASON = 1024, 16, 160
 """Characters of the orders of one tick; their largest number, limited because checking the reach of a crawl takes time;
 characters of the sentence that refuses them."""
+DIGEST, NAME, MOST_PRESETS = 72, 32, 16
+"""Characters of a hash and of a preset's name, the zero at their end included; largest number of flight presets, and of
+crawl presets, in a parameter file and in an export."""
 N_NAMES = N_JOINTS + 2 * N_ROTORS
 """Names of `joint_states`: joints, then gimbals."""
 TOPICS = {
@@ -188,16 +193,25 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("amplitude", "f8", (), "[rad] or [N]"),
         ("frequency last_frequency", "f8", (), "at the start, and of a chirp at the end [Hz]"),
     )),
-    CStruct("limits", "Limits of a mission.", (
-        ("settle", "f8", (), "time with good samples before the take-over [s]"),
-        ("pose_age imu_age joint_age state_age", "f8", (), "largest age of a valid sample [s]"),
-        ("gap", "f8", (), "longest time between two ticks [s]"),
-        ("tilt", "f8", (), "[rad]"),
-        ("deviation", "f8", (), "largest difference of a joint from its command, 0 for any [rad]"),
-        ("torque", "f8", (), "limit of the joints' torque that is commanded [Nm]"),
-        ("fence_low fence_high", "f8", (3,), "of the torso, world [m]"),
-        ("hold_ticks", "i4", (), "ticks of a fault before the landing is forced"),
-        ("landing_ticks", "i4", (), "ticks of the landing command before silence"),
+    struct_of(Limits()),
+    CStruct("flight_preset", "A flight preset.", (
+        ("name", "u1", (NAME,), "zero-terminated"),
+        ("config", "controller_config", (), ""),
+    )),
+    CStruct("crawl_preset", "A crawl preset.", (
+        ("name", "u1", (NAME,), "zero-terminated"),
+        ("config", "crawler_config", (), ""),
+    )),
+    CStruct("parameters", "Robot, gains and limits: those of the export, or of a parameter file.", (
+        ("model", "u1", (DIGEST,), "SHA-256 of the robot's model, zero-terminated"),
+        ("sha256", "u1", (DIGEST,), "of the file, or of the one that the export wrote; zero-terminated"),
+        ("robot", "robot", (), ""),
+        ("limits", "limits", (), "of a mission that states no other"),
+        ("estimator", "estimator_config", (), ""),
+        ("manager", "manager_config", (), "without its two controller configurations: a mission's presets"),
+        ("flight_count crawl_count", "i4", (), ""),
+        ("flights", "flight_preset", (2 * MOST_PRESETS,), "those of a file first"),
+        ("crawls", "crawl_preset", (2 * MOST_PRESETS,), "likewise"),
     )),
     CStruct("mission", "A mission: what the runner does while it drives, and its limits.", (
         ("kind", "i4", (), "sp_mission_kind: a flight begins in HOVER, all others in ARM_ON"),
@@ -218,10 +232,13 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("orders", "waypoint", (MAX_WAYPOINTS,), "course"),
         ("map", "course", (), "course; of its tiles only the height is known"),
         ("end", "f8", (), "of the flight, since the take-over; then it hovers [s]"),
+        ("robot", "robot", (), ""),
     )),
     CStruct("log_head", "Head of a log; see runner.h for what follows it.", (
         ("magic", "u1", (len(MAGIC),), "SP_LOG_MAGIC"),
         ("interface", "u1", (32,), "SP_RUNNER_INTERFACE"),
+        ("model", "u1", (DIGEST,), "SHA-256 of the robot's model, zero-terminated"),
+        ("parameters", "u1", (DIGEST,), "SHA-256 of a run's parameters, zero-terminated"),
         ("kind ticks", "i4", (), "sp_log_kind; of a run 0 ticks: to the end of the file"),
     )),
     CStruct("log_start", "Flight log: data after the configuration.", (
@@ -315,7 +332,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
     )),
     CStruct("sim_hello", "First message of the simulator.", (
         ("interface", "u1", (32,), "SP_RUNNER_INTERFACE"),
-        ("model", "u1", (72,), "SHA-256 of the robot's model"),
+        ("model", "u1", (DIGEST,), "SHA-256 of the robot's model"),
         ("names", "u1", (N_NAMES, 24), "of `joint_states`"),
         ("name_count unused", "i4", (), ""),
         ("rates", "f8", (len(TOPICS),), "by sp_topic [Hz]"),
@@ -330,17 +347,17 @@ def log_layouts() -> dict[str, np.dtype]:
     return dtypes(RUNNER_STRUCTS, core_layouts())
 
 
-def _header_lines(robot: RobotSpec) -> list[str]:
+def _header_lines() -> list[str]:
     """Return the lines of spidar_runner.h without its digest."""
     sizes = {
         "MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "MAX_HEADINGS": MAX_HEADINGS,
         "MAX_EXCITATIONS": MAX_EXCITATIONS, "NAMES": N_NAMES,
         "ORDER_TEXT": ORDER_TEXT, "MOST_ORDERS": MOST_ORDERS, "REASON": REASON, "MAX_GATES": gates.MAX_GATES,
-        "DECIDE": DECIDE,
+        "DECIDE": DECIDE, "DIGEST": DIGEST, "NAME": NAME, "MOST_PRESETS": MOST_PRESETS,
     }  # fmt: skip
     bounds = {
         "FIELD": FIELD, "LEAST_SPEED": SPEEDS[0], "MOST_SPEED": SPEEDS[1], "LEAST_HEIGHT": HEIGHTS[0],
-        "MOST_HEIGHT": HEIGHTS[1], "STEEPEST": STEEPEST, "DUCT_REACH": robot.duct_offset_y + robot.duct_radius,
+        "MOST_HEIGHT": HEIGHTS[1], "STEEPEST": STEEPEST,
     }  # fmt: skip
     lines = [define(name, value) for name, value in sizes.items()]
     lines += [define(f"ORDER_{name}", value, "m, m/s or rad") for name, value in bounds.items()]
@@ -352,6 +369,9 @@ def _header_lines(robot: RobotSpec) -> list[str]:
     names, rates = zip(*TOPICS.values(), strict=True)
     least, most, _ = zip(*(gates.POSSIBLE[kind] for kind in gates.KINDS), strict=True)
     lines += [
+        "/* Names of the joints and of the gimbals. */",
+        *array("char *const", "SP_JOINT_NAMES", [f'"{name}"' for name in JOINT_NAMES]),
+        *array("char *const", "SP_GIMBAL_NAMES", [f'"{name}"' for name in GIMBAL_NAMES]),
         "/* Name and expected rate [Hz], 0 for any, of each of sp_topic. */",
         *array("char *const", "SP_TOPIC_NAMES", [f'"{name}"' for name in names]),
         *array("double", "SP_TOPIC_RATES", rates),
@@ -364,16 +384,16 @@ def _header_lines(robot: RobotSpec) -> list[str]:
         define("GATE_MOST", most),
         "",
     ]
-    return [*lines, *(line for each in RUNNER_STRUCTS for line in struct(each))][:-1]
+    lines += [line for each in RUNNER_STRUCTS for line in struct(each)]
+    return [*lines, f"static const sp_limits SP_LIMITS = {initializer(Limits())};"]
 
 
-def runner_hash(robot: RobotSpec = ROBOT) -> str:
-    """Return the digest of a compiled runner's interface: core, robot, messages, structs and sources."""
-    words = [interface_hash(), model_header(robot), *_header_lines(robot)]
-    return interface_digest("\n".join(words).encode(), RUNNER)
+def runner_hash() -> str:
+    """Return the digest of a compiled runner's interface: core, messages, structs, parameters' fields and sources."""
+    return interface_digest("\n".join([interface_hash(), fields_header(), *_header_lines()]).encode(), RUNNER)
 
 
-def runner_header(robot: RobotSpec = ROBOT) -> str:
-    """Return the text of spidar_runner.h for a robot."""
-    lines = [f'#define SP_RUNNER_INTERFACE "{runner_hash(robot)}"', *_header_lines(robot)]
+def runner_header() -> str:
+    """Return the text of spidar_runner.h."""
+    lines = [f'#define SP_RUNNER_INTERFACE "{runner_hash()}"', *_header_lines()]
     return header("SPIDAR_RUNNER", "messages, topics and structs of the runner.", lines, ('"spidar_structs.h"',))

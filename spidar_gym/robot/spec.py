@@ -266,6 +266,11 @@ class RobotSpec:
         """Distance of the tips of the torso's pegs below its origin: the height of the lying torso [m]."""
         return self.peg_length - self.peg_top - self.yaw_axis_z
 
+    @property
+    def duct_reach(self) -> float:
+        """Distance of the ducts' outer edge from the rotor centre [m]."""
+        return self.duct_offset_y + self.duct_radius
+
     def leg_azimuth(self, leg: int) -> float:
         """Return the direction of leg 0 … 3 (front left, back left, back right, front right) in the torso [rad]."""
         return math.pi / 4 + leg * math.pi / 2

@@ -148,7 +148,7 @@ def test_a_log_of_another_interface_or_kind_is_refused_in_one_line(flown, tmp_pa
     with pytest.raises(BorderError, match=r"interface 'ffff.*valid: conversion with the version"):
         read_log(path)
     data = bytearray(flown.path.read_bytes()[:START])
-    data[40] = 0
+    data[log_layouts()["log_head"].fields["kind"][1]] = 0
     path.write_bytes(data)
     with pytest.raises(BorderError, match="no log of a run"):
         read_log(path)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from support.needs import needs_compiler
 from support.networks import made
+from support.robots import OTHER
 
 from spidar_gym.benchmark.track import CRAWL
 from spidar_gym.cli.main import main
@@ -28,6 +29,7 @@ from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard import golden
 from spidar_gym.onboard.build import build_core
 from spidar_gym.onboard.export import export, export_files
+from spidar_gym.onboard.parameters import parameters_record, parameters_text
 from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.policies.artifact import Washout, write_artifact
 from spidar_gym.state import Residual
@@ -153,6 +155,11 @@ def test_the_command_exports_a_folder_that_compiles_replays_and_names_its_policy
         assert subprocess.run(run, cwd=folder, check=False, capture_output=True).returncode == 0
     for log, told in (("flight", True), ("crawl", False)):  # the policy of a flight is not used in a crawl
         assert ("flight with the residual" in benched(folder, log)) == told
+    (folder / "other.txt").write_bytes(parameters_text(parameters_record(OTHER)))
+    run = ["./spidar-runner", "sim", "127.0.0.1:1", "missions/hover.txt", "--parameters", "other.txt"]
+    for option, why in ((["--residual"], "the residual was learned on another robot"), ([], "no simulator there")):
+        done = subprocess.run([*run, *option], cwd=folder, check=False, capture_output=True, text=True)
+        assert done.stderr.startswith(f"runner: {why}; valid: ")
     includes = ["-Icore", "-Igenerated", "-Irunner", "-isystem", "osqp"]
     words = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
     for source in [p for part in ("core", "runner") for p in sorted((folder / part).glob("*.c"))]:

@@ -72,5 +72,5 @@ def test_a_runner_of_other_structs_is_refused_in_a_line(other, tmp_path):
 
 def test_a_runner_of_other_structs_refuses_the_log_of_this_one(other, hover, tmp_path):
     done = said(other, "replay", hover.path, tmp_path / "out")
-    line = "runner: the log is of another interface or robot; valid: one of this export\n"
+    line = "runner: the log is of another interface; valid: one of this export\n"
     assert (done.returncode, done.stderr) == (2, line)

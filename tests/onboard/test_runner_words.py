@@ -14,6 +14,8 @@ from support.runner import CRAWL, FLIGHT, HOLD, LAND, NAMES, RATES, TOPICS, ZERO
 from spidar_gym.control.presets import CRAWL_PRESETS, FORMER_CRAWL_PRESETS, FORMER_PRESETS, PRESETS
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.structs import fill
+from spidar_gym.onboard.export import EVERY
+from spidar_gym.onboard.parameters import digest_of, parameters_record, parameters_text
 from spidar_gym.onboard.runner_structs import log_layouts, runner_hash
 from spidar_gym.robot import ROBOT
 from spidar_gym.robot.description import model_hash
@@ -206,7 +208,7 @@ def agree(library, odometry=0, model=None, names=NAMES, **rates):
     found = (ctypes.c_double * 5)(*(rates.get(t, rate) for t, rate in zip(TOPICS, RATES, strict=True)))
     words = (ctypes.c_char_p * len(names))(*(name.encode() for name in names))
     robot, reason = Robot((model or model_hash()).encode(), len(names), words, found), ctypes.create_string_buffer(256)
-    ok = library.sp_agree(ctypes.byref(robot), odometry, reason, ctypes.c_size_t(256))
+    ok = library.sp_agree(ctypes.byref(robot), model_hash().encode(), odometry, reason, ctypes.c_size_t(256))
     assert bool(ok) == (not reason.value)
     return reason.value.decode()
 
@@ -260,12 +262,12 @@ def test_other_joints_are_refused(library, runner, tmp_path, names, words):
 
 
 def test_another_model_is_refused(library, runner, tmp_path):
-    words = f"the robot's model is {'0' * 12}; valid: {model_hash()[:12]}, that of this export"
+    words = f"the robot's model is {'0' * 12}; valid: {model_hash()[:12]}, that of these parameters"
     assert agree(library, model="0" * 64).startswith(words)
     assert agree(library, model=model_hash()[:-1] + "x").startswith("the robot's model is")
     robot = Robot(None, 32, (ctypes.c_char_p * 32)(*(name.encode() for name in NAMES)), (ctypes.c_double * 5)(*RATES))
     reason = ctypes.create_string_buffer(256)
-    assert not library.sp_agree(ctypes.byref(robot), 0, reason, ctypes.c_size_t(256))
+    assert not library.sp_agree(ctypes.byref(robot), model_hash().encode(), 0, reason, ctypes.c_size_t(256))
     assert b"not set" in reason.value
     refused(runner, tmp_path, words, model="0" * 64)
 
@@ -405,4 +407,5 @@ def test_what_cannot_be_read_written_or_reached_is_refused_in_one_line(runner, t
 
 
 def test_about_says_what_it_was_compiled_for(runner):
-    assert said(runner, "about").stdout == f"interface {runner_hash()}\nmodel {model_hash()}\n"
+    parameters = digest_of(parameters_text(parameters_record(ROBOT, EVERY)))
+    assert said(runner, "about").stdout == f"interface {runner_hash()}\nmodel {model_hash()}\nparameters {parameters}\n"

@@ -56,12 +56,32 @@ def load(path):
     return library
 
 
-def read_mission(library, text):
-    """The mission, or the message of its refusal."""
+def address(record):
+    return ctypes.c_void_p(record.ctypes.data)
+
+
+def compiled(library):
+    """The parameters that were compiled."""
+    parameters = np.zeros((), log_layouts()["parameters"])
+    library.sp_compiled_parameters(address(parameters))
+    return parameters
+
+
+def from_file(library, data):
+    """The parameters of a file's bytes, or the message of its refusal."""
+    parameters, reason = np.zeros((), log_layouts()["parameters"]), ctypes.create_string_buffer(384)
+    text = ctypes.create_string_buffer(data)
+    ok = library.sp_read_parameters(text, address(parameters), reason, ctypes.c_size_t(384))
+    return parameters if ok else reason.value.decode(errors="replace")
+
+
+def read_mission(library, text, parameters=None):
+    """The mission, or the message of its refusal; with the compiled parameters if no others are given."""
     mission, reason = np.zeros((), log_layouts()["mission"]), ctypes.create_string_buffer(256)
     text = text if isinstance(text, bytes) else text.encode()
-    ok = library.sp_read_mission(text, ctypes.c_void_p(mission.ctypes.data), reason, ctypes.c_size_t(256))
-    return mission if ok else reason.value.decode()
+    parameters = compiled(library) if parameters is None else parameters
+    ok = library.sp_read_mission(text, address(parameters), address(mission), reason, ctypes.c_size_t(256))
+    return mission if ok else reason.value.decode(errors="replace")
 
 
 class Loop:
@@ -99,7 +119,8 @@ class Stream:
 
     def __init__(self, library, path, played):
         self.path, self.run, self.played = path, played.run, played.log
-        self.mission = read_mission(library, played.mission.text)
+        self.text = played.mission.text
+        self.mission = read_mission(library, self.text)
         self.inputs = played.log.inputs.copy()
         size = [log_layouts()[name].itemsize for name in ("loop_input", "loop_output", "log_clock")]
         raw = path.read_bytes()[log_layouts()["log_head"].itemsize + self.mission.nbytes :]

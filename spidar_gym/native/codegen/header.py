@@ -37,7 +37,7 @@ from spidar_gym.native.core_structs import CORE_STRUCTS
 from spidar_gym.native.recipe import source_bytes
 from spidar_gym.native.robot import robot
 from spidar_gym.native.structs import WORDS, CStruct, border_structs
-from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, ROBOT, RobotSpec
+from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.description import model_hash
 
 CORE = Path(__file__).resolve().parents[1] / "core"
@@ -194,11 +194,8 @@ def model_header(spec: RobotSpec = ROBOT) -> str:
         f'#define SP_MODEL_SHA256 "{model_hash(spec)}"',
         "",
         f"static const sp_robot SP_ROBOT = {record_initializer(robot(spec))};",
-        "",
-        *array("char *const", "SP_JOINT_NAMES", [f'"{name}"' for name in JOINT_NAMES]),
-        *array("char *const", "SP_GIMBAL_NAMES", [f'"{name}"' for name in GIMBAL_NAMES]),
     ]
-    return header("SPIDAR_MODEL", "the robot's kinematic tree, limits and names.", lines, ('"spidar_structs.h"',))
+    return header("SPIDAR_MODEL", "the robot's kinematic tree and limits.", lines, ('"spidar_structs.h"',))
 
 
 def record_initializer(record: Any, indent: int = 1) -> str:  # noqa: ANN401 - a numpy record
@@ -218,28 +215,54 @@ def record_initializer(record: Any, indent: int = 1) -> str:  # noqa: ANN401 - a
     return "{\n" + ",\n".join(parts) + "\n" + "    " * (indent - 1) + "}"
 
 
-def presets_header(flights: Sequence[str], spec: RobotSpec = ROBOT) -> str:
-    """Generate spidar_presets.h: presets for a robot, with the iteration cap of its computer.
+def capped_presets(flights: Sequence[str], spec: RobotSpec = ROBOT) -> dict[str, dict[str, Any]]:
+    """Return the presets of an export for a robot, with the iteration cap of its computer.
 
     Args:
-        flights: Names of the flight presets; the first is that of a manager that is given no other.
+        flights: Names of the flight presets.
         spec: The robot.
+
+    Returns:
+        Configurations by name, of `controller` and of `crawler`; the crawl presets are all.
 
     Raises:
         UnknownNameError: For a preset that does not exist.
         InvalidValueError: For a robot whose legs cannot reach the poses of a preset.
     """
-    lines: list[str] = []
-    found = {name: controller_config(name, spec) for name in flights}
-    crawls = {name: crawler_config(name, robot=spec) for name in (*CRAWL_PRESETS, *FORMER_CRAWL_PRESETS)}
-    for kind, presets in (("controller", found), ("crawler", crawls)):
+    crawls = (*CRAWL_PRESETS, *FORMER_CRAWL_PRESETS)
+    found = {
+        "controller": {name: controller_config(name, spec) for name in flights},
+        "crawler": {name: crawler_config(name, robot=spec) for name in crawls},
+    }
+    return {
+        kind: {
+            name: replace(each, allocator=replace(each.allocator, max_iter=ONBOARD_ITERATIONS))
+            for name, each in presets.items()
+        }
+        for kind, presets in found.items()
+    }
+
+
+def presets_header(flights: Sequence[str], spec: RobotSpec = ROBOT, parameters: str = "") -> str:
+    """Generate spidar_presets.h: presets for a robot, with the iteration cap of its computer.
+
+    Args:
+        flights: Names of the flight presets; the first is that of a manager that is given no other.
+        spec: The robot.
+        parameters: SHA-256 of the parameter file with the same numbers.
+
+    Raises:
+        UnknownNameError: For a preset that does not exist.
+        InvalidValueError: For a robot whose legs cannot reach the poses of a preset.
+    """
+    lines = [f'#define SP_PARAMETERS_SHA256 "{parameters}"', ""]
+    found = capped_presets(flights, spec)
+    for kind, presets in found.items():
         for name, config in presets.items():
-            capped = replace(config, allocator=replace(config.allocator, max_iter=ONBOARD_ITERATIONS))
-            lines += [f"static const sp_{kind}_config SP_PRESET_{name.upper()} = {initializer(capped)};", ""]
+            lines += [f"static const sp_{kind}_config SP_PRESET_{name.upper()} = {initializer(config)};", ""]
         table = " ".join(f"X({name}, SP_PRESET_{name.upper()})" for name in presets)
-        lines += [f"#define SP_{kind.upper()}_PRESETS(X) {table}",
-                  f'#define SP_{kind.upper()}_NAMES "{", ".join(presets)}"', ""]  # fmt: skip
+        lines += [f"#define SP_{kind.upper()}_PRESETS(X) {table}", ""]
     lines.append(f"static const sp_estimator_config SP_ESTIMATOR = {initializer(EstimatorConfig())};")
-    both = ManagerConfig(flight=found[flights[0]], crawl=crawls["robust_overlapped"])
+    both = ManagerConfig(flight=found["controller"][flights[0]], crawl=found["crawler"]["robust_overlapped"])
     lines += ["", f"static const sp_manager_config SP_MANAGER = {initializer(both)};"]
     return header("SPIDAR_PRESETS", "the presets, with the simulator's numbers.", lines, ('"spidar_structs.h"',))

@@ -284,7 +284,8 @@ typedef struct {
 typedef struct {
     int32_t parent, joint; /* index of the parent, less than its own; 0 … 15 for joints, then vectoring angles */
     double rotation[9]; /* attitude of the joint in the parent */
-    double position[3], axis[3]; /* of the joint: in the parent [m]; in the body's axes */
+    double position[3]; /* of the joint in the parent [m] */
+    double axis[3]; /* of the joint in the body's axes */
     double mass; /* [kg] */
     double com[3]; /* CoG in the body's axes [m] */
     double inertia[9]; /* about its CoG, in the body's axes [kg m²] */
@@ -295,11 +296,15 @@ typedef struct {
     sp_body tree[33]; /* the torso first, every other body after its parent */
     int32_t joint_body[16]; /* bodies behind the joints */
     int32_t link_body[8], rotor_body[8]; /* bodies of the links; of the modules with their rotors */
-    double gravity, weight, hover_thrust, max_thrust; /* [m/s²], [N] */
-    double max_joint_torque, joint_limit, joint_kp; /* [Nm], [rad], [Nm/rad] */
+    double gravity; /* [m/s²] */
+    double weight, hover_thrust, max_thrust; /* of the robot; of a module in a hover, and at most [N] */
+    double max_joint_torque; /* [Nm] */
+    double joint_limit; /* [rad] */
+    double joint_kp; /* [Nm/rad] */
     double max_vectoring_speed; /* [rad/s] */
     double yaw_axis_xy, yaw_axis_radius, yaw_axis_z, yaw_to_pitch, pitch_to_yaw, pitch_to_foot; /* of a leg [m] */
     double foot_radius, peg_depth; /* [m] */
+    double duct_reach; /* distance of the ducts' outer edge from the rotor centre [m] */
     double flight_controller[3]; /* position of the inertial unit, which motion capture tracks [m] */
 } sp_robot;
 

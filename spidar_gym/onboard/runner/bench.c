@@ -13,7 +13,6 @@
 
 #include "runner.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
 #define TICKS 20000
 #define HARD 200
@@ -82,7 +81,7 @@ static void report(const char *name, cost *c)
 }
 
 /* Time infeasible demands: closed form, attempts up to the iteration cap, softened program up to its own. */
-static void bench_hardest(const sp_mode *mode, const sp_demand *demand, const double *previous_l,
+static void bench_hardest(const sp_robot *robot, const sp_mode *mode, const sp_demand *demand, const double *previous_l,
                           const sp_allocator_config *config, cost *c)
 {
     static sp_allocation answer;
@@ -93,7 +92,7 @@ static void bench_hardest(const sp_mode *mode, const sp_demand *demand, const do
         asked.wrench[3] += 0.3 * k;
         for (int j = 0; j < SP_JOINTS; j++) asked.gravity_torque[j] *= 1.0 + 0.05 * k;
         start_clock();
-        sp_allocate(mode, &asked, previous_l, NULL, 0, config, sp_own_room(), &answer);
+        sp_allocate(mode, &asked, previous_l, NULL, 0, config, sp_own_room(robot), &answer);
         stop_clock(c);
         if (answer.iterations > most) most = answer.iterations;
     }
@@ -124,13 +123,13 @@ static int bench_ticks(FILE *in, sp_recorded *recorded, cost *whole, cost *harde
     }
     if (mode == NULL) return 0;
     report(flies ? "flight, whole ticks" : "crawl, whole ticks", whole);
-    bench_hardest(mode, &demand, flies ? f->memory.forces_l : c->memory.forces_l,
+    bench_hardest(recorded->robot, mode, &demand, flies ? f->memory.forces_l : c->memory.forces_l,
                   flies ? &f->config.allocator : &c->config.allocator, hardest);
     return 1;
 }
 
 /* Time the ticks of a flight or crawl with the export's learned policy: a residual, or a policy without controller. */
-static void bench_policy(FILE *in, sp_recorded *recorded, cost *c)
+static void bench_policy(FILE *in, const sp_parameters *p, sp_recorded *recorded, cost *c)
 {
     static sp_policy policy;
     static const double goal[3] = {0.6, 0.0, 0.0};
@@ -145,7 +144,7 @@ static void bench_policy(FILE *in, sp_recorded *recorded, cost *c)
     sp_residual residual;
     if (!direct && kind != (crawls ? SP_POLICY_CRAWL : SP_POLICY_FLIGHT)) return;
     rewind(in);
-    if (sp_recorded_begin(in, recorded) != NULL) return;
+    if (sp_recorded_begin(in, p, recorded) != NULL) return;
     sp_policy_reset(&policy);
     for (int k = 0; k < recorded->head.ticks && fread(&input, sizeof input, 1, in) == 1; k++) {
         const sp_robot_state *x = &input.state;
@@ -153,17 +152,17 @@ static void bench_policy(FILE *in, sp_recorded *recorded, cost *c)
         sp_copy(preview.next_form, input.reference.joint_target, SP_JOINTS);
         preview.time_to_next = SP_NO_NEXT_FORM;
         start_clock();
-        if (!crawls) sp_compute_state(&SP_ROBOT, x, &input.reference, &control);
+        if (!crawls) sp_compute_state(recorded->robot, x, &input.reference, &control);
         if (crawls && direct) {
-            sp_policy_crawl_direct(&SP_ROBOT, &policy, own, x, goal, &command);
+            sp_policy_crawl_direct(recorded->robot, &policy, own, x, goal, &command);
         } else if (crawls) {
-            sp_policy_crawl(&SP_ROBOT, &policy, own, x, goal, &residual);
-            sp_crawl_step(own, x, &residual, sp_own_room(), &command);
+            sp_policy_crawl(recorded->robot, &policy, own, x, goal, &residual);
+            sp_crawl_step(own, x, &residual, sp_own_room(recorded->robot), &command);
         } else if (direct) {
-            sp_policy_direct(&SP_ROBOT, &policy, f, x, &control, &preview, &command);
+            sp_policy_direct(recorded->robot, &policy, f, x, &control, &preview, &command);
         } else {
-            sp_policy_flight(&SP_ROBOT, &policy, f, x, &control, &preview, &residual);
-            sp_flight_step(f, x, &input.reference, &residual, &control, sp_own_room(), &command);
+            sp_policy_flight(recorded->robot, &policy, f, x, &control, &preview, &residual);
+            sp_flight_step(f, x, &input.reference, &residual, &control, sp_own_room(recorded->robot), &command);
         }
         stop_clock(c);
     }
@@ -171,15 +170,15 @@ static void bench_policy(FILE *in, sp_recorded *recorded, cost *c)
     report(direct ? "policy in place of the controller" : added, c);
 }
 
-int sp_bench(const char *path)
+int sp_bench(const sp_parameters *p, const char *path)
 {
     static cost whole, worst, learned;
     static sp_recorded recorded;
     FILE *in = fopen(path, "rb");
     open_counter();
-    int fits = in != NULL && sp_recorded_begin(in, &recorded) == NULL && recorded.head.kind != SP_LOG_RUN &&
+    int fits = in != NULL && sp_recorded_begin(in, p, &recorded) == NULL && recorded.head.kind != SP_LOG_RUN &&
                bench_ticks(in, &recorded, &whole, &worst);
-    if (fits) bench_policy(in, &recorded, &learned);
+    if (fits) bench_policy(in, p, &recorded, &learned);
     if (in != NULL) fclose(in);
     if (!fits)
         return sp_reject("", "bench needs a log of a flight or a crawl; valid: golden/flight.in, golden/crawl.in");

@@ -6,7 +6,6 @@
 
 #include "runner.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
 void sp_bench_begin(sp_loop *l, const sp_robot_state *state)
 {
@@ -24,13 +23,13 @@ static void begin_to_rest(sp_loop *l, sp_fault fault)
 /* Move the joints' command towards the mission's target at the planned speed. */
 static void move(sp_loop *l, double t)
 {
-    double way = l->mission.controller.joint_speed / SP_CONTROL_RATE, limit = SP_ROBOT.joint_limit;
+    double way = l->mission.controller.joint_speed / SP_CONTROL_RATE, limit = l->mission.robot.joint_limit;
     double *commanded = l->command.joint_position;
     sp_next_form(l, t);
     for (int j = 0; j < SP_JOINTS; j++) {
         double target = sp_clip(l->reference.joint_target[j], -limit, limit);
         commanded[j] += sp_clip(target - commanded[j], -way, way);
-        l->command.joint_torque_limit[j] = sp_min(l->mission.limits.torque, SP_ROBOT.max_joint_torque);
+        l->command.joint_torque_limit[j] = sp_min(l->mission.limits.torque, l->mission.robot.max_joint_torque);
     }
 }
 

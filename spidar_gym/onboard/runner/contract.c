@@ -1,10 +1,9 @@
-/* Refuse a robot that is not the robot of this export. */
+/* Refuse a robot that is not the one whose parameters are in force. */
 #include "runner.h"
 
 #include <stdio.h>
 #include <string.h>
 
-#include "spidar_model.h"
 
 #define LOW 0.7
 #define HIGH 1.3
@@ -14,7 +13,7 @@ static const char *expected(int k)
     return k < SP_JOINTS ? SP_JOINT_NAMES[k] : SP_GIMBAL_NAMES[k - SP_JOINTS];
 }
 
-int sp_agree(const sp_found *robot, int32_t odometry, char *reason, size_t size)
+int sp_agree(const sp_found *robot, const char *model, int32_t odometry, char *reason, size_t size)
 {
     for (int t = 0; t < SP_TOPICS; t++) {
         if (odometry ? t == SP_TOPIC_IMU || t == SP_TOPIC_POSE : t == SP_TOPIC_ODOMETRY) continue;
@@ -37,9 +36,9 @@ int sp_agree(const sp_found *robot, int32_t odometry, char *reason, size_t size)
             snprintf(reason, size, "joint_states has %s in place %d; valid: %s", robot->names[k], k + 1, expected(k));
             return 0;
         }
-    if (robot->model == NULL || strcmp(robot->model, SP_MODEL_SHA256) != 0) {
-        snprintf(reason, size, "the robot's model is %.12s; valid: %.12s, that of this export (`runner about`)",
-                 robot->model == NULL || !*robot->model ? "not set" : robot->model, SP_MODEL_SHA256);
+    if (robot->model == NULL || strcmp(robot->model, model) != 0) {
+        snprintf(reason, size, "the robot's model is %.12s; valid: %.12s, that of these parameters (`runner about`)",
+                 robot->model == NULL || !*robot->model ? "not set" : robot->model, model);
         return 0;
     }
     return 1;

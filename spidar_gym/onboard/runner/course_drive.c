@@ -4,7 +4,6 @@
 
 #include "runner.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
 int sp_sees_with(sp_fault fault)
 {
@@ -34,8 +33,8 @@ const char *sp_phase_words(int32_t phase)
 const char *sp_course_begin(sp_loop *l, const sp_robot_state *state)
 {
     const sp_mission *mission = &l->mission;
-    sp_manager_reset(&SP_ROBOT, &l->manager, state);
-    const char *why = sp_refuse_orders(&l->manager, state, mission->orders, mission->order_count, 0);
+    sp_manager_reset(&mission->robot, &l->manager, state);
+    const char *why = sp_refuse_orders(&mission->robot, &l->manager, state, mission->orders, mission->order_count, 0);
     for (int k = 0; why == NULL && k < mission->order_count; k++) sp_manager_command(&l->manager, &mission->orders[k]);
     l->told = mission->order_count > 0;
     l->by_map = mission->has_goal;
@@ -50,10 +49,10 @@ const char *sp_course_init(sp_loop *l)
     sp_robot_state nominal;
     config.flight = l->mission.controller;
     config.crawl = l->mission.crawler;
-    sp_manager_init(&SP_ROBOT, &l->manager, &config);
+    sp_manager_init(&l->mission.robot, &l->manager, &config);
     memset(&nominal, 0, sizeof nominal);
     nominal.quat_wb[0] = 1.0;
-    nominal.position_w[2] = SP_ROBOT.peg_depth;
+    nominal.position_w[2] = l->mission.robot.peg_depth;
     sp_copy(nominal.joint_position, l->manager.lying, SP_JOINTS);
     return sp_course_begin(l, &nominal);
 }
@@ -87,7 +86,7 @@ static sp_fault step(sp_loop *l)
     sp_manager *m = &l->manager;
     sp_command command;
     sp_go_by_map(l);
-    sp_manager_step(m, &l->sense.state, NULL, sp_own_room(), &command);
+    sp_manager_step(m, &l->sense.state, NULL, sp_own_room(&l->mission.robot), &command);
     l->answer.phase = m->crawl.gait.phase;
     l->answer.timeouts = m->crawl.gait.timeouts;
     if (flies(m)) l->reference = m->reference;

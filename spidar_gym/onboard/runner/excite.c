@@ -3,7 +3,6 @@
 
 #include "runner.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
 #define RAMP 1.0  /* over which a sine or a chirp begins and ends, at most a quarter of its time [s] */
 #define MAX_SPEED 1.62 /* of a joint without load [rad/s] [ROBOTIS] */
@@ -71,11 +70,12 @@ int sp_is_strained(const sp_loop *l)
 void sp_next_form(sp_loop *l, double t)
 {
     const sp_mission *m = &l->mission;
+    const double limit = m->robot.joint_limit;
     for (int k = 0; k < m->form_count && !l->aborted; k++)
         if (t >= m->forms[k].start - 1e-9) sp_copy(l->form, m->forms[k].joint_target, SP_JOINTS);
     sp_copy(l->reference.joint_target, l->form, SP_JOINTS);
     if (!l->aborted) sp_excite(m, SP_EXCITED_JOINT, t, l->reference.joint_target);
     for (int j = 0; j < SP_JOINTS; j++)
-        l->reference.joint_target[j] = sp_clip(l->reference.joint_target[j], -SP_ROBOT.joint_limit, SP_ROBOT.joint_limit);
+        l->reference.joint_target[j] = sp_clip(l->reference.joint_target[j], -limit, limit);
     l->finished = l->finished || (m->end > 0.0 && t >= m->end);
 }

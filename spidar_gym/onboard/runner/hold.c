@@ -1,25 +1,24 @@
 /* Limits of outgoing commands, and how long an old command is held if there is no valid one. */
 #include "runner.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
 #define PERIOD (1.0 / SP_CONTROL_RATE) /* of the ticks [s] */
 #define CARRIED_TIME 1.0 /* time constant of the thrust that carries the robot [s] */
 #define CARRIED_BEYOND 1.05 /* a held command has at most this much of it */
 
-int sp_thrust_within_limits(const double *thrust)
+int sp_thrust_within_limits(const sp_robot *robot, const double *thrust)
 {
     for (int i = 0; i < SP_ROTORS; i++)
-        if (!(thrust[i] >= -1e-9 && thrust[i] <= SP_ROBOT.max_thrust + 1e-6)) return 0;
+        if (!(thrust[i] >= -1e-9 && thrust[i] <= robot->max_thrust + 1e-6)) return 0;
     return 1;
 }
 
 /* Whether a command is within the limits. */
-static int command_within_limits(const sp_command *c)
+static int command_within_limits(const sp_robot *robot, const sp_command *c)
 {
-    if (!sp_thrust_within_limits(c->thrust)) return 0;
+    if (!sp_thrust_within_limits(robot, c->thrust)) return 0;
     for (int j = 0; j < SP_JOINTS; j++)
-        if (!(fabs(c->joint_position[j]) <= SP_ROBOT.joint_limit + 1e-6 && fabs(c->vectoring[j]) < 1e3)) return 0;
+        if (!(fabs(c->joint_position[j]) <= robot->joint_limit + 1e-6 && fabs(c->vectoring[j]) < 1e3)) return 0;
     return 1;
 }
 
@@ -29,7 +28,7 @@ sp_fault sp_answer(sp_loop *l, const sp_allocation *a, const sp_command *command
     l->answer.iterations = a->iterations;
     sp_copy(l->answer.joint_torques, a->joint_torques, SP_JOINTS);
     sp_copy(l->answer.forces_l, a->forces_l, SP_FORCES);
-    if (!command_within_limits(command)) return SP_BAD_COMMAND;
+    if (!command_within_limits(&l->mission.robot, command)) return SP_BAD_COMMAND;
     l->command = *command;
     return a->status == SP_HELD ? SP_NO_ALLOCATION : SP_FINE;
 }

@@ -1,7 +1,6 @@
 /* Stages of the runner: wait, drive, hold for at most 100 ms, force the landing, released. course_drive.c adds two. */
 #include "runner.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
 #define HEADING_RATE 0.2 /* of the reference's heading [rad/s] */
 #define CONTENTION 0.5 /* time allowed for the robot's own stack to stop commanding [s] */
@@ -26,7 +25,7 @@ static int begin_crawl(sp_loop *l, const sp_robot_state *state)
 {
     sp_crawl_reset(&l->crawl, state);
     for (int k = 0; k < l->mission.move_count; k++)
-        if (!sp_gait_move(&SP_ROBOT, &l->crawl, l->mission.moves[k].way, l->mission.moves[k].cycles)) return 0;
+        if (!sp_gait_move(&l->mission.robot, &l->crawl, l->mission.moves[k].way, l->mission.moves[k].cycles)) return 0;
     return 1;
 }
 
@@ -36,17 +35,19 @@ const char *sp_loop_init(sp_loop *l, const sp_mission *mission)
     l->mission = *mission;
     sp_sense_init(&l->sense, mission);
     sp_flight_init(&l->flight, &mission->controller);
-    sp_crawl_init(&SP_ROBOT, &l->crawl, &mission->crawler);
+    sp_crawl_init(&l->mission.robot, &l->crawl, &mission->crawler);
     int kind = sp_policy_kind(), flies = kind == SP_POLICY_FLIGHT || kind == SP_POLICY_DIRECT;
     int fits = mission->kind == SP_MISSION_CRAWL ? kind == SP_POLICY_CRAWL : mission->kind == SP_MISSION_FLIGHT && flies;
     if (mission->residual && !fits)
         return "there is no residual for this mission; valid: residual off, or an export with --residual of its kind";
+    if (mission->residual && !sp_is_own_robot(&mission->robot))
+        return "the residual was learned on another robot; valid: residual off, or the robot of the export";
     if (mission->kind == SP_MISSION_FLIGHT || mission->kind == SP_MISSION_BENCH) return NULL;
     if (mission->kind == SP_MISSION_COURSE) return sp_course_init(l);
     sp_robot_state nominal;
     memset(&nominal, 0, sizeof nominal);
     nominal.quat_wb[0] = 1.0;
-    sp_leg_angles(&SP_ROBOT, l->crawl.home_b, nominal.joint_position);
+    sp_leg_angles(&l->mission.robot, l->crawl.home_b, nominal.joint_position);
     return begin_crawl(l, &nominal) ? NULL : "a move of the mission is out of reach; valid: shorter ones";
 }
 
@@ -66,17 +67,17 @@ static sp_fault check_limits(const sp_loop *l, double now)
 /* Estimate the hover wrench beyond the weight from the robot's own commands; it initialises the integrals. */
 static void learn_trim(sp_loop *l, const sp_loop_input *input)
 {
-    if (!sp_thrust_within_limits(input->thrust)) return;
+    if (!sp_thrust_within_limits(&l->mission.robot, input->thrust)) return;
     sp_snapshot snapshot;
     double R[9], Q[6 * SP_FORCES], forces[SP_FORCES], rate = (input->time - l->last) / TRIM_SECONDS;
     const sp_robot_state *x = &l->sense.state;
     sp_from_quat(x->quat_wb, R);
-    sp_snapshot_at(&SP_ROBOT, x->joint_position, R, x->vectoring, &snapshot);
+    sp_snapshot_at(&l->mission.robot, x->joint_position, R, x->vectoring, &snapshot);
     sp_thrust_map(&snapshot, Q, SP_FORCES);
     sp_vectoring_to_force(input->thrust, x->vectoring, forces);
     if (!l->has_trim || rate > 1.0) rate = 1.0;
     for (int r = 0; r < 6; r++) {
-        double w = r < 3 ? -snapshot.mass * SP_ROBOT.gravity * R[6 + r] : 0.0;
+        double w = r < 3 ? -snapshot.mass * l->mission.robot.gravity * R[6 + r] : 0.0;
         for (int k = 0; k < SP_FORCES; k++) w += Q[r * SP_FORCES + k] * forces[k];
         l->trim[r] += rate * (w - l->trim[r]);
     }
@@ -90,8 +91,8 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     l->stage = SP_DRIVING;
     l->taken_over = input->time;
     memset(&l->command, 0, sizeof l->command);
-    if (sp_thrust_within_limits(input->thrust)) sp_copy(l->command.thrust, input->thrust, SP_ROTORS);
-    sp_make_command(l->command.thrust, x->vectoring, x->joint_position, SP_ROBOT.max_joint_torque, &l->command);
+    if (sp_thrust_within_limits(&l->mission.robot, input->thrust)) sp_copy(l->command.thrust, input->thrust, SP_ROTORS);
+    sp_make_command(l->command.thrust, x->vectoring, x->joint_position, l->mission.robot.max_joint_torque, &l->command);
     sp_policy_reset(&l->policy);
     sp_snapshot snapshot;
     double R[9], lever[3];
@@ -109,7 +110,7 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
         return 1;
     }
     sp_reference *r = &l->reference;
-    sp_snapshot_at(&SP_ROBOT, x->joint_position, R, x->vectoring, &snapshot);
+    sp_snapshot_at(&l->mission.robot, x->joint_position, R, x->vectoring, &snapshot);
     sp_apply(R, snapshot.com_b, lever);
     memset(r, 0, sizeof *r);
     l->first_yaw = l->yaw = yaw;
@@ -118,7 +119,7 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     for (int i = 0; i < 3; i++) r->position_w[i] = x->position_w[i] + lever[i];
     sp_copy(r->joint_target, x->joint_position, SP_JOINTS);
     sp_copy(l->form, x->joint_position, SP_JOINTS);
-    sp_flight_reset(&SP_ROBOT, &l->flight, x, x->joint_position, l->has_trim ? l->trim : NULL);
+    sp_flight_reset(&l->mission.robot, &l->flight, x, x->joint_position, l->has_trim ? l->trim : NULL);
     return 1;
 }
 
@@ -158,7 +159,7 @@ static void excite_thrust(const sp_loop *l, double t, sp_command *command)
 {
     if (l->mission.excitation_count == 0 || l->aborted) return;
     sp_excite(&l->mission, SP_EXCITED_THRUST, t, command->thrust);
-    for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] = sp_clip(command->thrust[i], 0.0, SP_ROBOT.max_thrust);
+    for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] = sp_clip(command->thrust[i], 0.0, l->mission.robot.max_thrust);
 }
 
 /* Write the preview of the mission's forms for the policy. */
@@ -183,18 +184,18 @@ static void fly(sp_loop *l, double t, sp_command *command)
     sp_residual residual;
     update_reference(l, t);
     if (!l->mission.residual) {
-        sp_flight_step(&l->flight, x, &l->reference, NULL, NULL, sp_own_room(), command);
+        sp_flight_step(&l->flight, x, &l->reference, NULL, NULL, sp_own_room(&l->mission.robot), command);
         return;
     }
     preview_at(l, t, &preview);
-    sp_compute_state(&SP_ROBOT, x, &l->reference, &control);
+    sp_compute_state(&l->mission.robot, x, &l->reference, &control);
     if (sp_policy_kind() == SP_POLICY_DIRECT) {
-        sp_policy_direct(&SP_ROBOT, &l->policy, &l->flight, x, &control, &preview, command);
+        sp_policy_direct(&l->mission.robot, &l->policy, &l->flight, x, &control, &preview, command);
         sp_copy(l->flight.allocation.forces_l, l->flight.memory.forces_l, SP_FORCES);
         return;
     }
-    sp_policy_flight(&SP_ROBOT, &l->policy, &l->flight, x, &control, &preview, &residual);
-    sp_flight_step(&l->flight, x, &l->reference, &residual, &control, sp_own_room(), command);
+    sp_policy_flight(&l->mission.robot, &l->policy, &l->flight, x, &control, &preview, &residual);
+    sp_flight_step(&l->flight, x, &l->reference, &residual, &control, sp_own_room(&l->mission.robot), command);
 }
 
 /* One tick of the controller; returns the fault. */
@@ -206,8 +207,8 @@ static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
     sp_residual residual;
     if (l->mission.kind == SP_MISSION_CRAWL) {
         int with_policy = l->mission.residual;
-        if (with_policy) sp_policy_crawl(&SP_ROBOT, &l->policy, &l->crawl, x, l->goal, &residual);
-        sp_crawl_step(&l->crawl, x, with_policy ? &residual : NULL, sp_own_room(), &command);
+        if (with_policy) sp_policy_crawl(&l->mission.robot, &l->policy, &l->crawl, x, l->goal, &residual);
+        sp_crawl_step(&l->crawl, x, with_policy ? &residual : NULL, sp_own_room(&l->mission.robot), &command);
         l->finished = l->finished || (sp_gait_done(&l->crawl) && l->crawl.memory.gap == 0.0);
         a = &l->crawl.allocation;
         l->answer.phase = l->crawl.gait.phase;

@@ -4,30 +4,10 @@
 
 #include "runner.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
-#include "spidar_presets.h"
 
 #define MAX_SPEED 1.62 /* of a joint without load [rad/s] [ROBOTIS] */
 
-typedef struct {
-    const char *name;
-    const void *config;
-} preset;
-#define ROW(name, config) {#name, &config},
-static const preset CONTROLLERS[] = {SP_CONTROLLER_PRESETS(ROW)};
-static const preset CRAWLERS[] = {SP_CRAWLER_PRESETS(ROW)};
-
 static const char NO_KIND[] = "flight PRESET, crawl PRESET, course FLIGHT CRAWL or bench first";
-static const sp_limits LIMITS = {
-    1.0, 0.2, 0.1, 0.15, 0.5, 0.1, 0.6, 0.0, HUGE_VAL, {-3.0, -3.0, -0.2}, {3.0, 3.0, 3.0}, 4, 10,
-};
-
-static const void *find(const preset *presets, size_t count, const char *name)
-{
-    for (size_t k = 0; k < count; k++)
-        if (strcmp(presets[k].name, name) == 0) return presets[k].config;
-    return NULL;
-}
 
 /* Each line's reader returns what would have been valid, or NULL. */
 static const char *read_form(sp_mission *m, char **words, int count)
@@ -37,10 +17,10 @@ static const char *read_form(sp_mission *m, char **words, int count)
     if (m->form_count == SP_MAX_FORMS || (m->form_count > 0 && v[0] < m->forms[m->form_count - 1].start))
         return "at most 64 forms, in the order of their times";
     for (int j = 0; j < SP_JOINTS; j++)
-        if (!(fabs(v[1 + j]) <= SP_ROBOT.joint_limit + 1e-3)) return "form angles within ± 90 degrees";
+        if (!(fabs(v[1 + j]) <= m->robot.joint_limit + 1e-3)) return "form angles within ± 90 degrees";
     m->forms[m->form_count].start = v[0];
     for (int j = 0; j < SP_JOINTS; j++) /* a rounded right angle is clipped */
-        m->forms[m->form_count].joint_target[j] = sp_clip(v[1 + j], -SP_ROBOT.joint_limit, SP_ROBOT.joint_limit);
+        m->forms[m->form_count].joint_target[j] = sp_clip(v[1 + j], -m->robot.joint_limit, m->robot.joint_limit);
     m->form_count++;
     return NULL;
 }
@@ -56,23 +36,34 @@ static const char *read_move(sp_mission *m, char **words, int count)
     return NULL;
 }
 
-static const char *read_kind(sp_mission *m, char **words, int count)
+/* Append a preset's name to a list of those that are valid. */
+static void append(char *list, size_t size, int k, const char *name)
 {
+    size_t n = strlen(list);
+    snprintf(list + n, size - n, "%s%s", k == 0 ? "" : ", ", name);
+}
+
+static const char *read_kind(const sp_parameters *p, sp_mission *m, char **words, int count)
+{
+    static char valid[512];
     if (strcmp(words[0], "bench") == 0) {
         m->kind = SP_MISSION_BENCH;
         return count == 1 ? NULL : "bench alone";
     }
     const int course = strcmp(words[0], "course") == 0, flies = course || strcmp(words[0], "flight") == 0;
     const int crawls = course || !flies, whole = count == 2 + course;
-    const void *controller = find(CONTROLLERS, sizeof CONTROLLERS / sizeof *CONTROLLERS, whole ? words[1] : "");
-    const void *crawler = find(CRAWLERS, sizeof CRAWLERS / sizeof *CRAWLERS, whole ? words[count - 1] : "");
-    if (course && (controller == NULL || crawler == NULL))
-        return "course, one of " SP_CONTROLLER_NAMES ", and one of " SP_CRAWLER_NAMES;
-    if (flies && controller == NULL) return "flight and one of " SP_CONTROLLER_NAMES;
-    if (crawls && crawler == NULL) return "crawl and one of " SP_CRAWLER_NAMES;
+    const sp_controller_config *controller = sp_find_flight(p, whole ? words[1] : "");
+    const sp_crawler_config *crawler = sp_find_crawl(p, whole ? words[count - 1] : "");
+    if ((flies && controller == NULL) || (crawls && crawler == NULL)) {
+        snprintf(valid, sizeof valid, "%s", course ? "course, one of " : flies ? "flight and one of " : "crawl and one of ");
+        for (int k = 0; flies && k < p->flight_count; k++) append(valid, sizeof valid, k, p->flights[k].name);
+        if (course) append(valid, sizeof valid, 1, "and one of ");
+        for (int k = 0; crawls && k < p->crawl_count; k++) append(valid, sizeof valid, k, p->crawls[k].name);
+        return valid;
+    }
     m->kind = course ? SP_MISSION_COURSE : flies ? SP_MISSION_FLIGHT : SP_MISSION_CRAWL;
-    if (flies) m->controller = *(const sp_controller_config *)controller;
-    if (crawls) m->crawler = *(const sp_crawler_config *)crawler;
+    if (flies) m->controller = *controller;
+    if (crawls) m->crawler = *crawler;
     return NULL;
 }
 
@@ -163,9 +154,9 @@ static const char *read_window(sp_mission *m, char **words, int count)
 
 static const struct {
     const char *word;
-    const char *(*read)(sp_mission *, char **, int);
+    const char *(*read)(sp_mission *, char **, int); /* NULL: read_kind */
 } LINES[] = {
-    {"flight", read_kind}, {"crawl", read_kind}, {"course", read_kind}, {"bench", read_kind}, {"form", read_form},
+    {"flight", NULL}, {"crawl", NULL}, {"course", NULL}, {"bench", NULL}, {"form", read_form},
     {"heading", read_heading}, {"excite", sp_read_excitation}, {"move", read_move}, {"gate", sp_read_gate},
     {"goal", sp_read_goal}, {"crawl_to", read_order}, {"take_off", read_order}, {"fly_to", read_order},
     {"land", read_order}, {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch},
@@ -174,7 +165,7 @@ static const struct {
 };
 
 /* Read a line; returns NULL, or what would have been valid. `kinds` counts lines with flight, crawl or course. */
-static const char *read_line(sp_mission *m, char *line, int *kinds)
+static const char *read_line(const sp_parameters *p, sp_mission *m, char *line, int *kinds)
 {
     char *words[SP_WORDS];
     size_t k = 0;
@@ -185,23 +176,25 @@ static const char *read_line(sp_mission *m, char *line, int *kinds)
     if (k == sizeof LINES / sizeof *LINES)
         return "flight, crawl, course, bench, form, heading, excite, move, crawl_to, take_off, fly_to, land, gate, goal, "
                "unrestricted, estimate, residual, fence, ages, settle, tilt, deviation, torque, speed, end";
-    *kinds += LINES[k].read == read_kind;
+    const int is_kind = LINES[k].read == NULL;
+    *kinds += is_kind;
     if (*kinds > 1) return "one flight, crawl, course or bench";
-    const char *valid = LINES[k].read(m, words, count);
+    const char *valid = is_kind ? read_kind(p, m, words, count) : LINES[k].read(m, words, count);
     return valid == NULL && *kinds == 0 ? NO_KIND : valid;
 }
 
-int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
+int sp_read_mission(const char *text, const sp_parameters *p, sp_mission *m, char *reason, size_t size)
 {
     char line[1024];
     const char *valid = NULL;
     int number_of_line = 0, kinds = 0;
     memset(m, 0, sizeof *m);
-    m->limits = LIMITS;
-    m->controller = *(const sp_controller_config *)CONTROLLERS[0].config;
-    m->crawler = *(const sp_crawler_config *)CRAWLERS[0].config;
-    m->estimator = SP_ESTIMATOR;
-    m->manager = SP_MANAGER;
+    m->robot = p->robot;
+    m->limits = p->limits;
+    m->controller = p->flights[0].config;
+    m->crawler = p->crawls[0].config;
+    m->estimator = p->estimator;
+    m->manager = p->manager;
     while (*text != 0 && valid == NULL) {
         size_t length = strcspn(text, "\n");
         number_of_line++;
@@ -209,7 +202,7 @@ int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
         else {
             memcpy(line, text, length);
             line[length] = 0;
-            valid = read_line(m, line, &kinds);
+            valid = read_line(p, m, line, &kinds);
         }
         text += length + (text[length] != 0);
     }

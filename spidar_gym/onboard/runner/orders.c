@@ -4,7 +4,6 @@
 
 #include "ground.h"
 #include "runner.h"
-#include "spidar_model.h"
 
 static const char NOT_FORM[] = "form and 16 angles within ± 90 degrees [rad], as the end of the line";
 
@@ -12,39 +11,39 @@ static const char NOT_FORM[] = "form and 16 angles within ± 90 degrees [rad], a
 static void lying_form(const sp_mission *m, double *q)
 {
     double home[3 * SP_LEGS];
-    sp_home(&SP_ROBOT, &m->crawler.gait, home);
-    sp_leg_angles(&SP_ROBOT, home, q);
+    sp_home(&m->robot, &m->crawler.gait, home);
+    sp_leg_angles(&m->robot, home, q);
 }
 
-static void snapshot_of(const double *form, sp_snapshot *snapshot)
+static void snapshot_of(const sp_robot *robot, const double *form, sp_snapshot *snapshot)
 {
     static const double still[2 * SP_ROTORS] = {0.0};
     double level[9];
     sp_identity(level);
-    sp_snapshot_at(&SP_ROBOT, form, level, still, snapshot);
+    sp_snapshot_at(robot, form, level, still, snapshot);
 }
 
 /* Smallest width that a form passes, with clearance on both sides. */
-static double narrowest(const double *form, double clearance)
+static double narrowest(const sp_robot *robot, const double *form, double clearance)
 {
     sp_snapshot s;
     double radius = 0.0;
-    snapshot_of(form, &s);
+    snapshot_of(robot, form, &s);
     for (int i = 0; i < SP_ROTORS; i++)
-        radius = sp_max(radius, length(s.rotor_c[i][0] + s.com_b[0], s.rotor_c[i][1] + s.com_b[1]) + SP_ORDER_DUCT_REACH);
+        radius = sp_max(radius, length(s.rotor_c[i][0] + s.com_b[0], s.rotor_c[i][1] + s.com_b[1]) + robot->duct_reach);
     for (int leg = 0; leg < SP_LEGS; leg++)
-        radius = sp_max(radius, length(s.feet_b[leg][0], s.feet_b[leg][1]) + SP_ROBOT.foot_radius);
+        radius = sp_max(radius, length(s.feet_b[leg][0], s.feet_b[leg][1]) + robot->foot_radius);
     return 2.0 * (radius + clearance);
 }
 
 /* Height of the CoG when the feet of a form touch the floor. */
-static double standing_height(const double *form)
+static double standing_height(const sp_robot *robot, const double *form)
 {
     sp_snapshot s;
     double lowest = HUGE_VAL;
-    snapshot_of(form, &s);
+    snapshot_of(robot, form, &s);
     for (int leg = 0; leg < SP_LEGS; leg++) lowest = sp_min(lowest, s.feet_b[leg][2]);
-    return s.com_b[2] + SP_ROBOT.foot_radius - lowest;
+    return s.com_b[2] + robot->foot_radius - lowest;
 }
 
 static int within(double x, double low, double high) { return x >= low && x <= high; }
@@ -106,15 +105,15 @@ static const char *read_fly_to(const sp_mission *m, sp_waypoint *o, char **words
         if (strcmp(words[k], "form") != 0) return "along, at_once, room, form, in this order, after a fly_to's speed";
         if (!sp_numbers(words + k, count - k, SP_JOINTS, o->form)) return NOT_FORM;
         for (int j = 0; j < SP_JOINTS; j++) {
-            if (!within(fabs(o->form[j]), 0.0, SP_ROBOT.joint_limit + 1e-3)) return NOT_FORM;
-            o->form[j] = sp_clip(o->form[j], -SP_ROBOT.joint_limit, SP_ROBOT.joint_limit);
+            if (!within(fabs(o->form[j]), 0.0, m->robot.joint_limit + 1e-3)) return NOT_FORM;
+            o->form[j] = sp_clip(o->form[j], -m->robot.joint_limit, m->robot.joint_limit);
         }
         o->has_form = 1;
     }
     if (room == HUGE_VAL) return NULL;
     if (o->has_form) sp_copy(form, o->form, SP_JOINTS);
     else lying_form(m, form);
-    return room >= narrowest(form, m->manager.clearance) ? NULL : "a wider room: the form does not fit with its clearance";
+    return room >= narrowest(&m->robot, form, m->manager.clearance) ? NULL : "a wider room: the form does not fit with its clearance";
 }
 
 int sp_is_order(const char *word)
@@ -142,16 +141,17 @@ const char *sp_cannot_follow(int32_t kind, int *airborne)
 }
 
 /* Whether the gait's queue can hold the cycles of a displacement. */
-static int reachable(const sp_manager *m, sp_pose2 way)
+static int reachable(const sp_robot *robot, const sp_manager *m, sp_pose2 way)
 {
     const sp_gait_config *c = &m->crawl.config.gait;
     way.yaw = wrapped(way.yaw);
-    double share = sp_largest_stride(&SP_ROBOT, &m->crawl, way);
+    double share = sp_largest_stride(robot, &m->crawl, way);
     return share > 0.0 &&
            sp_max(sp_max(length(way.x, way.y) / c->max_distance, fabs(way.yaw) / c->max_turn), 1.0 / share) < SP_MAX_STEPS;
 }
 
-const char *sp_refuse_orders(const sp_manager *m, const sp_robot_state *state, const sp_waypoint *orders, int n, int now)
+const char *sp_refuse_orders(const sp_robot *robot, const sp_manager *m, const sp_robot_state *state,
+                             const sp_waypoint *orders, int n, int now)
 {
     const sp_waypoint *last = m->count > 0 && !now ? &m->commands[m->count - 1] : NULL;
     int airborne = sp_manager_airborne(m);
@@ -165,12 +165,12 @@ const char *sp_refuse_orders(const sp_manager *m, const sp_robot_state *state, c
         const char *why = k < 0 ? NULL : sp_cannot_follow(o->kind, &airborne);
         if (why != NULL) return why;
         if (o->kind == SP_LOCOMOTION_CRAWL_TO) {
-            if (k >= 0 && !reachable(m, then(inverse(place), o->pose))) return "a crawl_to within reach: a shorter distance";
+            if (k >= 0 && !reachable(robot, m, then(inverse(place), o->pose))) return "a crawl_to within reach: a shorter distance";
             place = o->pose;
         } else if (o->kind == SP_LOCOMOTION_FLY_TO) {
             double least = m->memory.floor - m->lying_height + m->config.clearance;
             double dx = o->position_w[0] - place.x, dy = o->position_w[1] - place.y;
-            if (k >= 0 && !(o->position_w[2] >= least + standing_height(o->has_form ? o->form : m->lying)))
+            if (k >= 0 && !(o->position_w[2] >= least + standing_height(robot, o->has_form ? o->form : m->lying)))
                 return "a fly_to higher above the floor: the form would touch it";
             if (o->along && length(dx, dy) > SP_MANAGER_LEAST_WAY) place.yaw = atan2(dy, dx);
             place.x = o->position_w[0], place.y = o->position_w[1];
@@ -203,7 +203,7 @@ const char *sp_take_orders(sp_manager *m, const sp_mission *mission, const sp_ro
         }
         first = 0;
     }
-    const char *why = sp_refuse_orders(m, state, orders, n, now);
+    const char *why = sp_refuse_orders(&mission->robot, m, state, orders, n, now);
     if (why != NULL) return why;
     if (now) sp_manager_interrupt(m, orders, n);
     else for (int k = 0; k < n; k++) sp_manager_command(m, &orders[k]);

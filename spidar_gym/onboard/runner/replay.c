@@ -4,7 +4,6 @@
 #include <sys/stat.h>
 
 #include "runner.h"
-#include "spidar_model.h"
 
 #define READ(x) (fread(&(x), sizeof(x), 1, in) == 1)
 #define WRITE(x) (fwrite(&(x), sizeof(x), 1, out) == 1)
@@ -14,28 +13,31 @@ static const char ENDS_EARLY[] = "the log ends early; valid: a whole one";
 static const char IMPOSSIBLE[] = "the log needs what this export lacks; valid: a log of this export";
 static const char UNWRITABLE[] = "cannot write the output; valid: a path in a writable folder";
 
-const char *sp_recorded_begin(FILE *in, sp_recorded *r)
+const char *sp_recorded_begin(FILE *in, const sp_parameters *p, sp_recorded *r)
 {
     if (!READ(r->head) || memcmp(r->head.magic, SP_LOG_MAGIC, sizeof r->head.magic) != 0) return NO_LOG;
     if (memcmp(r->head.interface, SP_RUNNER_INTERFACE, sizeof r->head.interface) != 0)
-        return "the log is of another interface or robot; valid: one of this export";
+        return "the log is of another interface; valid: one of this export";
+    r->robot = &p->robot;
+    if (r->head.kind != SP_LOG_RUN && memcmp(r->head.model, p->model, sizeof p->model) != 0)
+        return "the log is of another robot; valid: --parameters with a file of that robot";
     if (r->head.kind == SP_LOG_FLIGHT) {
         sp_controller_config config;
         sp_log_start start;
         if (!READ(config) || !READ(start)) return ENDS_EARLY;
         sp_flight_init(&r->flight, &config);
-        sp_flight_reset(&SP_ROBOT, &r->flight, &start.state, start.joint_position, start.has_trim ? start.trim : NULL);
+        sp_flight_reset(r->robot, &r->flight, &start.state, start.joint_position, start.has_trim ? start.trim : NULL);
     } else if (r->head.kind != SP_LOG_RUN) {
         sp_crawler_config config;
         sp_robot_state state;
         sp_move move;
         if (!READ(config) || !READ(state)) return ENDS_EARLY;
-        sp_crawl_init(&SP_ROBOT, &r->crawl, &config);
+        sp_crawl_init(r->robot, &r->crawl, &config);
         sp_crawl_reset(&r->crawl, &state);
         for (;;) {
             if (!READ(move)) return ENDS_EARLY;
             if (move.cycles < 0) break;
-            if (!sp_gait_move(&SP_ROBOT, &r->crawl, move.way, move.cycles)) return IMPOSSIBLE;
+            if (!sp_gait_move(r->robot, &r->crawl, move.way, move.cycles)) return IMPOSSIBLE;
         }
     }
     return NULL;
@@ -45,10 +47,10 @@ const sp_allocation *sp_recorded_tick(sp_recorded *r, const sp_log_input *input,
 {
     const sp_residual *residual = input->has_residual ? &input->residual : NULL;
     if (r->head.kind == SP_LOG_FLIGHT) {
-        sp_flight_step(&r->flight, &input->state, &input->reference, residual, NULL, sp_own_room(), command);
+        sp_flight_step(&r->flight, &input->state, &input->reference, residual, NULL, sp_own_room(r->robot), command);
         return &r->flight.allocation;
     }
-    sp_crawl_step(&r->crawl, &input->state, residual, sp_own_room(), command);
+    sp_crawl_step(&r->crawl, &input->state, residual, sp_own_room(r->robot), command);
     return &r->crawl.allocation;
 }
 
@@ -93,7 +95,7 @@ static const char *replay_run(FILE *in, FILE *out, const sp_log_head *head, int 
         !within(mission.heading_count, SP_MAX_HEADINGS) || !within(mission.excitation_count, SP_MAX_EXCITATIONS) ||
         !within(mission.map.count, SP_MAX_GATES) || !known_excitations(&mission))
         return ENDS_EARLY;
-    if (sp_loop_init(&loop, &mission) != NULL) return IMPOSSIBLE;
+    if (sp_refuse_robot(&mission.robot) != NULL || sp_loop_init(&loop, &mission) != NULL) return IMPOSSIBLE;
     if (!WRITE(*head) || !WRITE(mission)) return UNWRITABLE;
     for (;;) {
         size_t got = fread(&input, 1, sizeof input, in);
@@ -115,14 +117,17 @@ static int same(const char *a, const char *b)
     return stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
 }
 
-int sp_replay(const char *from, const char *to)
+int sp_replay(const sp_parameters *p, int given, const char *from, const char *to)
 {
     static sp_recorded recorded;
     int ticks = 0, differ = 0;
     FILE *in = fopen(from, "rb"), *out = NULL;
     const char *why = in == NULL ? NO_LOG : same(from, to) ? "the output is the log itself; valid: another file" : NULL;
     if (why == NULL && (out = fopen(to, "wb")) == NULL) why = UNWRITABLE;
-    if (why == NULL) why = sp_recorded_begin(in, &recorded);
+    if (why == NULL) why = sp_recorded_begin(in, p, &recorded);
+    if (why == NULL && given && recorded.head.kind == SP_LOG_RUN &&
+        memcmp(recorded.head.parameters, p->sha256, sizeof p->sha256) != 0)
+        why = "the run had other parameters; valid: no --parameters, as the log of a run has its own";
     if (why == NULL)
         why = recorded.head.kind == SP_LOG_RUN ? replay_run(in, out, &recorded.head, &ticks, &differ)
                                                : replay_controller(in, out, &recorded);

@@ -27,7 +27,6 @@
 #include <std_msgs/UInt8.h>
 
 #include "runner.h"
-#include "spidar_model.h"
 
 namespace {
 
@@ -414,7 +413,7 @@ void leave(Robot &robot, bool driving)
 }
 
 /* Check the robot and drive it, once a master exists. */
-int serve(sp_run *run, const char *robot_ns, const char *out_ns)
+int serve(sp_run *run, const char *model, const char *robot_ns, const char *out_ns)
 {
     static char reason[512];
     bool urgent = be_urgent();
@@ -428,7 +427,7 @@ int serve(sp_run *run, const char *robot_ns, const char *out_ns)
     if (!robot.dry() && !robot.rival().empty())
         return sp_reject(robot.rival().c_str(), " drives the robot already; valid: one runner at a time");
     const sp_found found = robot.found();
-    if (!sp_agree(&found, run->loop.mission.odometry, reason, sizeof reason)) return sp_reject("", reason);
+    if (!sp_agree(&found, model, run->loop.mission.odometry, reason, sizeof reason)) return sp_reject("", reason);
     /* Lock the present memory only: later allocations must not fail because of a limit on locked memory. */
     urgent = mlockall(MCL_CURRENT) == 0 && urgent;
     if (!urgent) std::fprintf(stderr, "runner: runs without real-time priority or locked memory: the system refused\n");
@@ -440,17 +439,18 @@ int serve(sp_run *run, const char *robot_ns, const char *out_ns)
 
 } /* namespace */
 
-extern "C" int sp_ros1(const char *mission, const char *robot_ns, const char *out_ns, const char *log, int residual)
+extern "C" int sp_ros1(const sp_parameters *p, const char *mission, const char *robot_ns, const char *out_ns,
+                       const char *log, int residual)
 {
     static sp_run run; /* > 1 MB */
     int code = 2;
-    if (sp_run_open(&run, mission, log, residual) != 0) return 2;
+    if (sp_run_open(&run, p, mission, log, residual) != 0) return 2;
     try {
         /* Anonymous: a second runner of the same name would shut down the first in flight. */
         ros::init(ros::M_string(), NODE,
                   ros::init_options::NoSigintHandler | ros::init_options::NoRosout | ros::init_options::AnonymousName);
         handle_signals();
-        if (ros::master::check()) code = serve(&run, robot_ns, out_ns);
+        if (ros::master::check()) code = serve(&run, p->model, robot_ns, out_ns);
         else
             sp_reject("no ROS master at ", (ros::master::getURI() + "; valid: ROS_MASTER_URI of a running one").c_str());
     } catch (const std::exception &error) {

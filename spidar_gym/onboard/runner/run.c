@@ -21,14 +21,14 @@ int sp_reject(const char *what, const char *why)
     return 2;
 }
 
-/* Read a whole text file; returns NULL on failure, else memory to be freed. */
-static char *read_text(const char *path)
+char *sp_read_text(const char *path, size_t most)
 {
     FILE *in = fopen(path, "rb");
-    char *text = in == NULL ? NULL : calloc(1, MOST + 2);
-    size_t size = text == NULL ? 0 : fread(text, 1, MOST + 1, in);
+    char *text = in == NULL ? NULL : calloc(1, most + 2);
+    size_t size = text == NULL ? 0 : fread(text, 1, most + 1, in);
+    const int failed = in == NULL || ferror(in); /* as for a folder */
     if (in != NULL) fclose(in);
-    if (text != NULL && (size > MOST || strlen(text) != size)) { /* never run a truncated mission */
+    if (text != NULL && (failed || size > most || strlen(text) != size)) { /* never use a truncated text */
         free(text);
         return NULL;
     }
@@ -42,6 +42,8 @@ static int begin_log(sp_run *run)
     memset(&head, 0, sizeof head);
     memcpy(head.magic, SP_LOG_MAGIC, sizeof head.magic);
     memcpy(head.interface, SP_RUNNER_INTERFACE, sizeof head.interface);
+    memcpy(head.model, run->parameters->model, sizeof head.model);
+    memcpy(head.parameters, run->parameters->sha256, sizeof head.parameters);
     head.kind = SP_LOG_RUN;
     fclose(run->log);
     run->log = fopen(run->path, "wb");
@@ -49,15 +51,16 @@ static int begin_log(sp_run *run)
            fwrite(&run->loop.mission, sizeof run->loop.mission, 1, run->log) == 1 && fflush(run->log) == 0;
 }
 
-int sp_run_open(sp_run *run, const char *mission, const char *log, int residual)
+int sp_run_open(sp_run *run, const sp_parameters *p, const char *mission, const char *log, int residual)
 {
     static sp_mission read;
     char reason[256];
-    char *text = read_text(mission);
+    char *text = sp_read_text(mission, MOST);
     memset(run, 0, sizeof *run);
+    run->parameters = p;
     if (text == NULL)
         return sp_reject(mission, ": no mission; valid: a text file of at most 65535 characters, see README.md");
-    int whole = sp_read_mission(text, &read, reason, sizeof reason);
+    int whole = sp_read_mission(text, p, &read, reason, sizeof reason);
     free(text);
     if (!whole) return sp_reject("", reason);
     if (residual) read.residual = 1;

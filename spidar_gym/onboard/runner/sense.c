@@ -1,7 +1,6 @@
 /* Samples → state: the estimator receives only samples that are finite, in range and in order. */
 #include "runner.h"
 #include "spidar_math.h"
-#include "spidar_model.h"
 
 #define MAX_ANGLE 3.3      /* of a joint, measured [rad] */
 #define MAX_TURN 40.0      /* of a vectoring angle, ± 6π with margin [rad] */
@@ -105,7 +104,7 @@ static void receive_odometry(sp_sense *s, const sp_odometry *o, double now, sp_f
 }
 
 /* Compute the torso's pose and velocity from the CoG's; the legs' motion moves the CoG within the torso. */
-static void from_odometry(sp_sense *s)
+static void from_odometry(const sp_robot *robot, sp_sense *s)
 {
     const sp_odometry *o = &s->odometry;
     sp_robot_state *x = &s->state;
@@ -118,8 +117,8 @@ static void from_odometry(sp_sense *s)
         q[j] = x->joint_position[j] + step * x->joint_velocity[j];
         v[j] = x->vectoring[j] + step * x->vectoring_velocity[j];
     }
-    sp_snapshot_at(&SP_ROBOT, x->joint_position, R, x->vectoring, &here);
-    sp_snapshot_at(&SP_ROBOT, q, R, v, &soon);
+    sp_snapshot_at(robot, x->joint_position, R, x->vectoring, &here);
+    sp_snapshot_at(robot, q, R, v, &soon);
     sp_cross(o->omega_b, here.com_b, swing);
     for (int i = 0; i < 3; i++) rate[i] = swing[i] + (soon.com_b[i] - here.com_b[i]) / step;
     sp_apply(R, here.com_b, lever);
@@ -131,7 +130,7 @@ static void from_odometry(sp_sense *s)
 }
 
 /* Initialise the estimator at rest, at the first samples. */
-static void start(sp_sense *s, double now)
+static void start(const sp_robot *robot, sp_sense *s, double now)
 {
     double R[9], lever[3];
     sp_robot_state first;
@@ -139,11 +138,11 @@ static void start(sp_sense *s, double now)
     first.time = now;
     sp_copy(first.quat_wb, s->pose_quat_wb, 4);
     sp_from_quat(s->pose_quat_wb, R);
-    sp_apply(R, SP_ROBOT.flight_controller, lever);
+    sp_apply(R, robot->flight_controller, lever);
     for (int i = 0; i < 3; i++) first.position_w[i] = s->pose_position_w[i] - lever[i];
     sp_copy(first.joint_position, s->state.joint_position, SP_JOINTS);
     sp_copy(first.vectoring, s->state.vectoring, 2 * SP_ROTORS);
-    sp_estimator_reset(&SP_ROBOT, &s->estimator, &first);
+    sp_estimator_reset(robot, &s->estimator, &first);
 }
 
 void sp_sense_init(sp_sense *s, const sp_mission *mission)
@@ -181,11 +180,11 @@ sp_fault sp_sense_update(sp_sense *s, const sp_mission *mission, const sp_loop_i
         int heard = s->has_pose && s->joint_time > -HUGE_VAL && (mission->odometry || s->imu_time > -HUGE_VAL);
         if (!heard)
             return fault != SP_FINE ? fault : !s->has_pose ? SP_NO_POSE : s->joint_time > -HUGE_VAL ? SP_NO_IMU : SP_NO_JOINTS;
-        start(s, now);
+        start(&mission->robot, s, now);
         s->started = 1;
     }
-    sp_estimator_update(&SP_ROBOT, &s->estimator, &clean, thrust, &s->state);
-    if (mission->odometry) from_odometry(s);
+    sp_estimator_update(&mission->robot, &s->estimator, &clean, thrust, &s->state);
+    if (mission->odometry) from_odometry(&mission->robot, s);
     if (now - s->joint_time > limits->joint_age) first_of(&fault, SP_NO_JOINTS);
     if (now - s->pose_time > limits->pose_age) first_of(&fault, SP_NO_POSE);
     if (!mission->odometry && now - s->imu_time > limits->imu_age) first_of(&fault, SP_NO_IMU);

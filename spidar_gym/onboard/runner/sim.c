@@ -54,7 +54,7 @@ static int connect_to(const char *place)
 }
 
 /* Receive the robot's description; returns NULL, or why the robot is refused. */
-static const char *meet(int link, int32_t odometry)
+static const char *meet(int link, const char *model, int32_t odometry)
 {
     static sp_sim_hello hello;
     static char reason[256];
@@ -70,19 +70,19 @@ static const char *meet(int link, int32_t odometry)
         names[k] = hello.names[k];
     }
     memcpy(robot.rates, hello.rates, sizeof robot.rates);
-    return sp_agree(&robot, odometry, reason, sizeof reason) ? NULL : reason;
+    return sp_agree(&robot, model, odometry, reason, sizeof reason) ? NULL : reason;
 }
 
-int sp_sim(const char *place, const char *mission, const char *log, int residual)
+int sp_sim(const sp_parameters *p, const char *place, const char *mission, const char *log, int residual)
 {
     static sp_run run;
     sp_loop_input input;
     sp_loop_output output;
-    if (sp_run_open(&run, mission, log, residual) != 0) return 2;
+    if (sp_run_open(&run, p, mission, log, residual) != 0) return 2;
     int link = connect_to(place);
     if (link < 0)
         return sp_reject("", "no simulator there; valid: the HOST:PORT that `spidar sitl --link socket` prints");
-    const char *why = meet(link, run.loop.mission.odometry);
+    const char *why = meet(link, p->model, run.loop.mission.odometry);
     while (why == NULL && receive_all(link, &input, sizeof input)) {
         sp_run_tick(&run, &input, &output, -1.0);
         if (!send_all(link, &output, sizeof output)) break;
