@@ -61,7 +61,7 @@ def identify_(
     spec = ROBOT if robot is None else RobotSpec.parse(robot)
     folder = output_folder(out.parent)
     with progress(total=len(logs), unit="log", desc="identify", bar_format=BAR) as bar, kept(lambda: "nothing written"):
-        records = [(path.name, read_log(path, namespace=namespace, robot=spec)) for path in logs]
+        records = [(path.name, read_log(path, namespace=namespace)) for path in logs]
         shares = dict.fromkeys((name for name, _ in records), 0.0)
 
         def on_share(name: str, share: float) -> None:
