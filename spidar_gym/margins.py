@@ -117,11 +117,15 @@ def law_of(name: str) -> FlightController:
 
 
 def robots_of(world: str, count: int = ROBOTS, robot: RobotSpec = ROBOT) -> list[tuple[str, PlantConfig]]:
-    """Sample robots of a calibrated world, which deviate from `robot`, its kinds in turn; returns kind and robot."""
-    if robot != ROBOT:  # a calibrated world is that of the nominal robot
+    """Sample robots of a calibrated world, which deviate from `robot`, its kinds in turn; returns kind and robot.
+
+    Of a robot that is neither the nominal one nor that which was identified in the world, they are `OTHER_DAMPINGS`.
+    """
+    how = Randomization.parse(world)
+    if robot not in (ROBOT, how.world.robot if how.world else ROBOT):
         late = with_lateness(PlantConfig(robot=robot), LATE)
         return [(f"damping {own:g}", with_damping(late, own)) for own in OTHER_DAMPINGS]
-    found, how = [], Randomization.parse(world)
+    found = []
     for k in range(count):
         own = how.in_turn(k)
         rng = np.random.Generator(np.random.PCG64([SEED, k]))
@@ -252,8 +256,8 @@ FORM = {
 """Structure of the margins of a preset in the file, beside the digest `config` of its configuration."""
 
 
-def preset_margins(name: str, robot: RobotSpec = ROBOT) -> LegMargins:
-    """Return the worst margins of a preset over the robots of the calibrated world.
+def preset_margins(name: str, robot: RobotSpec = ROBOT, world: str = WORLD) -> LegMargins:
+    """Return the worst margins of a preset over the robots of a calibrated world.
 
     Those of the nominal robot are read from `MARGINS`; those of another robot, and of a preset that has changed since
     the file was written, are computed, which takes about a minute.
@@ -261,17 +265,23 @@ def preset_margins(name: str, robot: RobotSpec = ROBOT) -> LegMargins:
     Args:
         name: Name of the preset.
         robot: The robot; the calibrated robots deviate from it.
+        world: The calibrated world, by name or file.
 
     Raises:
         UnknownNameError: For a preset that does not exist.
         SpidarError: If the controller does not come to rest, or the file is damaged.
     """
     config = controller_config(name, robot)
-    known = read_margins().get(name) if robot == ROBOT else None
+    known = read_margins().get(name) if robot == ROBOT and world == WORLD else None
     if known is not None and known["config"] == _digest(config):
         return LegMargins(**{field: known[field] for field in FORM})
+    return config_margins(config, robot, world)
+
+
+def config_margins(config: ControllerConfig, robot: RobotSpec = ROBOT, world: str = WORLD) -> LegMargins:
+    """Compute the worst margins of a controller over the robots of a calibrated world; it takes about a minute."""
     controller = FlightController(config, Model(robot))
-    return leg_margins(controller, robots_of(WORLD, robot=robot), PlantConfig(robot=robot))
+    return leg_margins(controller, robots_of(world, robot=robot), PlantConfig(robot=robot))
 
 
 def read_margins() -> dict[str, dict[str, Any]]:
@@ -300,9 +310,8 @@ def _digest(config: ControllerConfig) -> str:
     return hashlib.sha256(repr(config).encode()).hexdigest()
 
 
-def lacking(name: str, robot: RobotSpec = ROBOT) -> str:
-    """Return which worst margins of a preset are below those that an export requires, in words; empty if none is."""
-    m = preset_margins(name, robot)
+def lacking(m: LegMargins) -> str:
+    """Return which worst margins are below those that an export requires, in words; empty if none is."""
     words = []
     if m.gain < LEAST_GAIN:
         words.append(f"gain margin {_factor(m.gain)} ({m.gain_at}), at least {LEAST_GAIN:g} is required")
@@ -313,26 +322,33 @@ def lacking(name: str, robot: RobotSpec = ROBOT) -> str:
     return "; ".join(words)
 
 
-def _described(robot: RobotSpec) -> str:
-    if robot == ROBOT:
-        return f"{ROBOTS} robots of {WORLD}"
+def _described(robot: RobotSpec, world: str) -> str:
+    if robot == ROBOT or world != WORLD:
+        return f"{ROBOTS} robots of {world}"
     return f"{len(OTHER_DAMPINGS)} such robots"
 
 
-def require_margins(names: Sequence[str], robot: RobotSpec = ROBOT) -> None:
-    """Require presets to have the margins that an export requires.
+def require_margins(
+    names: Sequence[str], robot: RobotSpec = ROBOT, world: str = WORLD,
+    own: Mapping[str, ControllerConfig] | None = None,
+) -> None:  # fmt: skip
+    """Require flight controllers to have the margins that an export requires.
 
     Args:
         names: Names of flight presets.
         robot: The robot.
+        world: Calibrated world, by name or file, over whose robots the margins are the worst ones.
+        own: Further controllers by name.
 
     Raises:
         UnknownNameError: For a preset that does not exist.
-        SpidarError: For the first preset that lacks one; names its margins.
+        SpidarError: For the first controller that lacks one; names its margins.
     """
-    for name in names:
-        if lack := lacking(name, robot):
+    found = [(name, preset_margins(name, robot, world)) for name in names]
+    found += [(name, config_margins(config, robot, world)) for name, config in (own or {}).items()]
+    for name, margins in found:
+        if lack := lacking(margins):
             raise SpidarError(
-                f"preset {name} on the worst of {_described(robot)}: {lack}; valid: the option that exports it "
+                f"preset {name} on the worst of {_described(robot, world)}: {lack}; valid: the option that exports it "
                 "all the same (--fragile), or a preset with these margins"
             )

@@ -6,9 +6,11 @@ from typing import Annotated
 import tyro
 
 from spidar_gym.arguments import Flag
+from spidar_gym.margins import WORLD
 from spidar_gym.onboard.export import EXPORTED, export
 from spidar_gym.onboard.policy import RATE
 from spidar_gym.robot import ROBOT, RobotSpec
+from spidar_gym.sim.randomize import margins_world
 from spidar_gym.sitl.missions import (
     ROBOT_TESTS,
     course_mission,
@@ -43,7 +45,8 @@ def export_(
             manifest of hashes.
         residual: Artifact of a learned policy whose actions are added to the controller; exported with it.
         residual_rate: Limit of the rate of every entry of the residual action, which is within −1 … 1 [1/s].
-        robot: TOML file of a custom robot; its missions are a flight, a crawl, a hover and the tests, without courses.
+        robot: TOML file of a custom robot, or of an identified one; its missions are a flight, a crawl, a hover and
+            the tests, without courses.
         presets: Flight presets that missions can name; the written missions whose preset is not among them fly the
             first. For a custom robot, steady is no default. Export refuses those whose worst margins over robots of the
             calibrated world, with legs that bend, are too small, and says which.
@@ -70,6 +73,7 @@ def export_(
         robot=spec,
         presets=chosen,
         fragile=fragile,
+        world=margins_world(robot, WORLD),
         **({} if robot is None else {"name": robot.stem}),
     )
     print(f"{len(written)} files in {out}")

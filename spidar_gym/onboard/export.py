@@ -11,7 +11,7 @@ import spidar_gym
 from spidar_gym.control.presets import FORMER_PRESETS, PRESETS
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.files import cannot_write, whole_file
-from spidar_gym.margins import require_margins
+from spidar_gym.margins import WORLD, require_margins
 from spidar_gym.native.codegen.committed import osqp_files, osqp_version
 from spidar_gym.native.codegen.header import (
     CORE,
@@ -65,6 +65,7 @@ def export_files(
     presets: Sequence[str] | None = None,
     fragile: bool = False,
     name: str = "spidar",
+    world: str = WORLD,
 ) -> dict[str, bytes]:
     """Return path → content of the exported folder; reproducible.
 
@@ -77,6 +78,7 @@ def export_files(
         presets: Names of the flight presets; those of `exported` if None.
         fragile: Whether presets are exported whatever their margins are.
         name: Name of the parameter file, `parameters/NAME.txt`.
+        world: Calibrated world over whose robots the margins are the worst ones, by name or file.
 
     Raises:
         UnknownNameError: For a preset that does not exist.
@@ -91,7 +93,7 @@ def export_files(
     if residual is not None and robot != ROBOT:
         raise InvalidValueError("residual", str(residual), "none: it was learned on the nominal robot, not on this one")
     if not fragile:
-        require_margins(presets, robot)
+        require_margins(presets, robot, world)
     if residual is not None:
         residual = artifact_file(residual)
         artifact = read_artifact(residual)
@@ -138,11 +140,11 @@ def export_files(
 def export(
     folder: Path, *, residual: Path | None = None, rate: float = RATE, extra: Mapping[str, bytes] | None = None,
     robot: RobotSpec = ROBOT, presets: Sequence[str] | None = None, fragile: bool = False,
-    name: str = "spidar",
+    name: str = "spidar", world: str = WORLD,
 ) -> list[str]:  # fmt: skip
     """Write the folder, completely or not at all; returns the names of its files.
 
-    `residual`, `rate`, `extra`, `robot`, `presets`, `fragile` and `name` are as for `export_files`.
+    `residual`, `rate`, `extra`, `robot`, `presets`, `fragile`, `name` and `world` are as for `export_files`.
 
     Raises:
         SpidarError: If the folder holds other files or cannot be written.
@@ -156,7 +158,14 @@ def export(
         raise SpidarError(f"{folder} holds something else; valid: a new or empty folder, or one exported before")
     with whole_file(folder) as made:
         files = export_files(
-            residual=residual, rate=rate, extra=extra, robot=robot, presets=presets, fragile=fragile, name=name
+            residual=residual,
+            rate=rate,
+            extra=extra,
+            robot=robot,
+            presets=presets,
+            fragile=fragile,
+            name=name,
+            world=world,
         )
         write_files(files, made)
     return sorted(files)

@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 
 from spidar_gym.border import BorderError, read_file
 from spidar_gym.control.estimator import EstimatorConfig
+from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.codegen.header import capped_presets
@@ -40,7 +41,11 @@ _PRESET = re.compile(r"[a-z0-9_]+")
 
 
 def parameters_record(
-    robot: RobotSpec = ROBOT, presets: Sequence[str] = ("steady",), *, limits: Limits | None = None
+    robot: RobotSpec = ROBOT,
+    presets: Sequence[str] = ("steady",),
+    *,
+    limits: Limits | None = None,
+    own: Mapping[str, ControllerConfig] | None = None,
 ) -> np.ndarray:
     """Return the parameters for a robot, a record of `sp_parameters` without the hash of its file.
 
@@ -48,6 +53,7 @@ def parameters_record(
         robot: The robot.
         presets: Names of the flight presets; the crawl presets are all.
         limits: Thresholds of the runner; the default ones if None.
+        own: Further flight controllers by name: lower-case letters, digits and underscores.
 
     Raises:
         UnknownNameError: For a preset that does not exist.
@@ -63,9 +69,9 @@ def parameters_record(
     for struct, name in ELSEWHERE:
         assert SECTIONS["manager"] == struct
         record["manager"][name] = np.zeros((), record["manager"].dtype[name])
-    if len(presets) > MOST_PRESETS:
-        raise InvalidValueError("presets", list(presets), f"at most {MOST_PRESETS} flight presets")
-    for kind, found in zip(PRESETS, capped_presets(presets, robot).values(), strict=True):
+    if len(presets) + len(own or {}) > MOST_PRESETS:
+        raise InvalidValueError("presets", [*presets, *(own or {})], f"at most {MOST_PRESETS} flight presets")
+    for kind, found in zip(PRESETS, capped_presets(presets, robot, own).values(), strict=True):
         for name, config in found.items():
             fill(_new_preset(record, kind, name), config)
     for name, field, owner in _lines(record):

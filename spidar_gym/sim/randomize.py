@@ -210,6 +210,11 @@ def _neutral(row: Row, nominal: PlantConfig) -> Any:  # noqa: ANN401 - a number,
     return {"set": getattr(getattr(nominal, part), name), "scale": 1.0, "add": 0.0}[row.operation]
 
 
+def margins_world(path: Path | None, otherwise: str) -> str:
+    """Return the calibrated world that a robot's file holds, that of an identified robot; else another one."""
+    return otherwise if path is None or "mixtures" not in _read(path) else str(path)
+
+
 def _place(given: str | Path) -> tuple[Path, str]:
     """Split a user's argument into the name or file of a world, or the file of ranges, and the name of a kind."""
     place, _, kind = str(given).rpartition(":")

@@ -501,6 +501,26 @@ def read_log(path: Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
     return content["log"]
 
 
+def found_controller(path: Path) -> ControllerConfig:
+    """Return the flight controller that a search has found, from its log.
+
+    Raises:
+        SpidarError: For a file that is no whole log of a search, or of one for a crawler.
+    """
+    try:
+        content = parse_json(read_file(path, MOST_BYTES))
+        require_form(content, {**FORM, "settings": dict}, path.name)
+        if not content["log"] or content["sha256"] != _digest(content["settings"], content["log"]):
+            raise BorderError("its checksum is not that of its content")
+        require_form(content["settings"].get("search"), str, "search")
+    except BorderError as error:
+        raise SpidarError(f"{path} is no log of a search: {error}; valid: a file that `spidar tune` wrote") from error
+    found = find_search(content["settings"]["search"]).arguments(content["log"][-1]["parameters"]).get("controller")
+    if not isinstance(found, ControllerConfig):
+        raise SpidarError(f"{path} is the search for a crawler; valid: one for a flight controller, such as steady")
+    return found
+
+
 def _replay(name: str, evolution: Evolution, lines: list[dict[str, Any]], path: Path) -> None:
     """Replay the log's costs to restore a search's state (`SpidarError` where the states differ)."""
     search = find_search(name)
@@ -520,6 +540,9 @@ def _replay(name: str, evolution: Evolution, lines: list[dict[str, Any]], path: 
 
 def log_text(settings: dict[str, Any], lines: list[dict[str, Any]]) -> str:
     """Format the log of a search, with its checksum."""
-    content = {"settings": settings, "log": lines}
-    digest = hashlib.sha256(json.dumps(content).encode()).hexdigest()
-    return json_text({**content, "sha256": digest}) + "\n"
+    return json_text({"settings": settings, "log": lines, "sha256": _digest(settings, lines)}) + "\n"
+
+
+def _digest(settings: dict[str, Any], lines: list[dict[str, Any]]) -> str:
+    """Return the checksum of the log of a search."""
+    return hashlib.sha256(json.dumps({"settings": settings, "log": lines}).encode()).hexdigest()

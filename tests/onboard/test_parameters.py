@@ -3,6 +3,7 @@
 import ctypes
 import hashlib
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -359,6 +360,17 @@ def test_the_command_writes_the_file_of_an_export(tmp_path, capfd):
         main(["parameters", "--out", str(tmp_path / "no.txt"), "--presets", "retuned"])
     assert "margin" in capfd.readouterr().err
     assert not (tmp_path / "no.txt").exists()
+
+
+def test_what_a_search_has_found_is_a_preset_of_the_file(tmp_path):
+    path = tmp_path / "own.txt"
+    log = Path(__file__).resolve().parents[2] / "baselines" / "searches" / "steady.json"
+    main(["parameters", "--out", str(path), "--presets", "steady", "--tuned", str(log), "--fragile"])
+    lines = path.read_text(encoding="utf-8").splitlines()
+    own = {line.replace("tuned_here", "steady") for line in lines if "tuned_here" in line}
+    assert own == {line for line in lines if "steady" in line and "steady_crawl" not in line}
+    assert len(own) > 20
+    parameters_of(path.read_bytes())
 
 
 # The table.

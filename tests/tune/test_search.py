@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from spidar_gym.benchmark import HOVER, scoring
-from spidar_gym.benchmark.scenario import load_scenarios
+from spidar_gym.benchmark.scenario import load_scenarios, make_env
 from spidar_gym.benchmark.track import CAP, REST_S, TRACKS
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import (
@@ -24,11 +24,21 @@ from spidar_gym.control.presets import (
     TUNED_V1,
 )
 from spidar_gym.errors import InvalidValueError, MissingDependencyError, SpidarError, UnknownNameError
+from spidar_gym.sim.worlds import FOLDER
 from spidar_gym.tune import crawl
 from spidar_gym.tune import search as tuning
 from spidar_gym.tune.flight import RETUNED_START
-from spidar_gym.tune.search import SEARCHES, Candidate, cost, draw_scenarios, find_search, play_candidate
+from spidar_gym.tune.search import (
+    SEARCHES,
+    Candidate,
+    cost,
+    draw_scenarios,
+    find_search,
+    found_controller,
+    play_candidate,
+)
 
+WORLD_FILE = FOLDER / "calibrated_1.toml"
 STARTS = {
     "flight": TUNED_V1,
     "retuned": RETUNED_START,
@@ -114,6 +124,33 @@ def test_scenarios_are_the_searchs_own_and_other_ones_in_every_generation():
     wind = drawn[0]["flight-wind"][0]
     assert 1.0 <= wind.disturbances["wind"] <= 3.0
     assert drawn[0]["flight-randomised"][0].robot != drawn[1]["flight-randomised"][0].robot
+
+
+def test_a_search_on_other_robots_flies_these_and_holds_their_margins(tmp_path):
+    path = tmp_path / "robot.toml"
+    text = WORLD_FILE.read_text(encoding="utf-8")
+    path.write_text(text.replace("ranges = { described = [8, 8], damped = [0.55, 1.4] }", "ranges = { all = [2, 2] }"))
+    drawn = draw_scenarios("steady", 0, 0, 2, str(path))
+    usual = draw_scenarios("steady", 0, 0, 2)
+    for track, scenarios in drawn.items():
+        assert (scenarios == usual[track]) != TRACKS[track].is_calibrated
+        assert [own.seed for own in scenarios] == [own.seed for own in usual[track]]
+    env = make_env(TRACKS["flight-calibrated"], drawn["flight-calibrated"][1], {})
+    assert env.reset(seed=drawn["flight-calibrated"][1].seed)[1]["randomization"]["actuators.joint_kd"] == 2.0
+    with pytest.raises(InvalidValueError, match="steady, steady_crawl"):
+        tuning.tune("retuned", tmp_path / "out", generations=1, robots=str(path), **BUDGET)
+    with pytest.raises(InvalidValueError, match="calibrated world"):
+        path.write_text('"body.total_mass" = [16.0, 16.0]')
+        draw_scenarios("steady", 0, 0, 1, str(path))
+
+
+def test_the_controller_of_a_log_is_that_of_its_search(tmp_path):
+    assert found_controller(SEARCHED / "steady.json") == STEADY
+    with pytest.raises(SpidarError, match="crawler"):
+        found_controller(SEARCHED / "recrawl.json")
+    (tmp_path / "cut.json").write_bytes((SEARCHED / "steady.json").read_bytes()[:-40])
+    with pytest.raises(SpidarError, match="no log of a search"):
+        found_controller(tmp_path / "cut.json")
 
 
 def test_a_candidate_with_the_references_numbers_flies_as_the_reference_does():

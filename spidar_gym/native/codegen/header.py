@@ -6,7 +6,7 @@
 import dataclasses
 import hashlib
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.estimator import EstimatorConfig
+from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.control.presets import (
     CRAWL_PRESETS,
@@ -215,12 +216,15 @@ def record_initializer(record: Any, indent: int = 1) -> str:  # noqa: ANN401 - a
     return "{\n" + ",\n".join(parts) + "\n" + "    " * (indent - 1) + "}"
 
 
-def capped_presets(flights: Sequence[str], spec: RobotSpec = ROBOT) -> dict[str, dict[str, Any]]:
+def capped_presets(
+    flights: Sequence[str], spec: RobotSpec = ROBOT, own: Mapping[str, ControllerConfig] | None = None
+) -> dict[str, dict[str, Any]]:  # fmt: skip
     """Return the presets of an export for a robot, with the iteration cap of its computer.
 
     Args:
         flights: Names of the flight presets.
         spec: The robot.
+        own: Further flight controllers by name.
 
     Returns:
         Configurations by name, of `controller` and of `crawler`; the crawl presets are all.
@@ -231,7 +235,7 @@ def capped_presets(flights: Sequence[str], spec: RobotSpec = ROBOT) -> dict[str,
     """
     crawls = (*CRAWL_PRESETS, *FORMER_CRAWL_PRESETS)
     found = {
-        "controller": {name: controller_config(name, spec) for name in flights},
+        "controller": {name: controller_config(name, spec) for name in flights} | dict(own or {}),
         "crawler": {name: crawler_config(name, robot=spec) for name in crawls},
     }
     return {
