@@ -16,6 +16,7 @@ from spidar_gym.native.codegen.header import (
     define,
     enumeration,
     header,
+    initializer,
     interface_digest,
     interface_hash,
     model_header,
@@ -24,6 +25,8 @@ from spidar_gym.native.codegen.header import (
 from spidar_gym.native.constants import MAX_ACTION, MAX_WAYPOINTS, Enumeration, snake
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.structs import CStruct, dtypes
+from spidar_gym.onboard import health
+from spidar_gym.onboard.health import HEALTH_STRUCTS, HEALTH_TOPICS, HealthLimits
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec, source_doc
 from spidar_gym.sim.sensors import ENCODER_PERIOD, IMU_PERIOD, POSE_PERIOD
 from spidar_gym.tasks.course import DECIDE
@@ -46,8 +49,9 @@ N_NAMES = N_JOINTS + 2 * N_ROTORS
 TOPICS = {
     "joints": ("joint_states", 1.0 / ENCODER_PERIOD), "imu": ("imu", 1.0 / IMU_PERIOD),
     "pose": ("mocap/pose", 1.0 / POSE_PERIOD), "odometry": ("uav/cog/odom", 100.0), "state": ("flight_state", 0.0),
+    **HEALTH_TOPICS,
 }  # fmt: skip
-"""Topics that the runner subscribes to, in its order: name, and expected rate [Hz], 0 for any."""
+"""Topics that the runner subscribes to, in its order: name, and expected rate [Hz], 0 for any; those of health last."""
 
 
 class FlightState(IntEnum):
@@ -110,7 +114,7 @@ class Stage(IntEnum):
 
 STAGES = {
     "waiting": Stage.WAITING, "driving": Stage.DRIVING, "holding": Stage.HOLDING,
-    "forcing the landing": Stage.LANDING, "released": Stage.RELEASED, "ending the course": Stage.ENDING,
+    "forcing the landing": Stage.LANDING, "released": Stage.RELEASED, "ending the mission": Stage.ENDING,
     "resting": Stage.RESTING,
 }  # fmt: skip
 """Text that the runner prints → stage."""
@@ -150,6 +154,14 @@ FAULTS = {
     "BAD_COMMAND": "a command is out of bounds",
     "LOW_BATTERY": "the battery is low",
     "STRAINED": "a joint is too far from its command",
+    "VOLTAGE_LOW": "the battery's voltage is low",
+    "VOLTAGE_CRITICAL": "the battery's voltage is critical",
+    "SERVO_HOT": "a servo is too hot",
+    "SERVO_LOADED": "a servo is loaded too much for too long",
+    "SERVO_ERROR": "a servo reports an error",
+    "MOTOR_LIMIT": "a motor's output is at its limit for too long",
+    "HEALTH_STALE": "a message about the robot's health is stale",
+    "HEALTH_INVALID": "a value of the robot's health is not finite or out of range",
 }
 """Faults, and the runner's message for each."""
 
@@ -168,6 +180,7 @@ ENUMERATIONS = (
     Enumeration("topic", "Topics that the runner subscribes to.", tuple(TOPICS), "TOPIC_", count="TOPICS"),
 )  # fmt: skip
 RUNNER_STRUCTS: Sequence[CStruct] = (
+    *HEALTH_STRUCTS,
     CStruct("form", "A form to fly to.", (
         ("start", "f8", (), "since the take-over [s]"),
         ("joint_target", "f8", (N_JOINTS,), "[rad]"),
@@ -198,6 +211,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("fence_low fence_high", "f8", (3,), "of the torso, world [m]"),
         ("hold_ticks", "i4", (), "ticks of a fault before the landing is forced"),
         ("landing_ticks", "i4", (), "ticks of the landing command before silence"),
+        ("health", "health_limits", (), ""),
     )),
     CStruct("mission", "A mission: what the runner does while it drives, and its limits.", (
         ("kind", "i4", (), "sp_mission_kind: a flight begins in HOVER, all others in ARM_ON"),
@@ -260,6 +274,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("thrust", "f8", (N_ROTORS,), "last command of another node [N]"),
         ("odometry", "odometry", (), ""),
         ("measurement", "measurement", (), ""),
+        ("health", "health_input", (), ""),
         ("orders", "u1", (ORDER_TEXT,), "lines for the present course, zero-terminated; empty for none"),
     )),
     CStruct("loop_output", "Output of a tick of the runner.", (
@@ -291,6 +306,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
     CStruct("loop", "Memory of the runner.", (
         ("mission", "mission", (), ""),
         ("sense", "sense", (), ""),
+        ("health", "health", (), ""),
         ("flight", "flight", (), ""),
         ("crawl", "crawl", (), ""),
         ("manager", "manager", (), "course"),
@@ -308,7 +324,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("trim", "f8", (6,), "hover wrench of the robot's own stack beyond the weight [N, Nm]"),
         ("left", "f8", (), "remaining share of the thrust at the start of the rest"),
         ("has_last stage fault landing has_trim finished", "i4", (), ""),
-        ("ending told", "i4", (), "sp_fault that ends a course; whether it had orders or, with a map, is at the goal"),
+        ("ending told", "i4", (), "sp_fault that ends the mission; whether it had orders or, with a map, is at the goal"),
         ("by_map undecided", "i4", (), "whether the map is followed; ticks until the next decision"),
         ("aborted unused", "i4", (), "whether the excitations were ended"),
         ("reason", "u1", (REASON,), "why the last orders were refused"),
@@ -336,7 +352,8 @@ def _header_lines(robot: RobotSpec) -> list[str]:
         "MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "MAX_HEADINGS": MAX_HEADINGS,
         "MAX_EXCITATIONS": MAX_EXCITATIONS, "NAMES": N_NAMES,
         "ORDER_TEXT": ORDER_TEXT, "MOST_ORDERS": MOST_ORDERS, "REASON": REASON, "MAX_GATES": gates.MAX_GATES,
-        "DECIDE": DECIDE,
+        "DECIDE": DECIDE, "DESCRIBED_THRUST": RobotSpec.max_thrust, "SERVOS": health.N_SERVOS, "FIRST_HEALTH": len(TOPICS) - len(HEALTH_TOPICS),
+        **{name: getattr(health, name) for name in health.NUMBERS},
     }  # fmt: skip
     bounds = {
         "FIELD": FIELD, "LEAST_SPEED": SPEEDS[0], "MOST_SPEED": SPEEDS[1], "LEAST_HEIGHT": HEIGHTS[0],
@@ -364,7 +381,8 @@ def _header_lines(robot: RobotSpec) -> list[str]:
         define("GATE_MOST", most),
         "",
     ]
-    return [*lines, *(line for each in RUNNER_STRUCTS for line in struct(each))][:-1]
+    lines += [line for each in RUNNER_STRUCTS for line in struct(each)]
+    return [*lines, f"static const sp_health_limits SP_HEALTH_LIMITS = {initializer(HealthLimits())};"]
 
 
 def runner_hash(robot: RobotSpec = ROBOT) -> str:

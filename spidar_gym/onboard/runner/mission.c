@@ -19,7 +19,7 @@ static const preset CRAWLERS[] = {SP_CRAWLER_PRESETS(ROW)};
 
 static const char NO_KIND[] = "flight PRESET, crawl PRESET, course FLIGHT CRAWL or bench first";
 static const sp_limits LIMITS = {
-    1.0, 0.2, 0.1, 0.15, 0.5, 0.1, 0.6, 0.0, HUGE_VAL, {-3.0, -3.0, -0.2}, {3.0, 3.0, 3.0}, 4, 10,
+    1.0, 0.2, 0.1, 0.15, 0.5, 0.1, 0.6, 0.0, HUGE_VAL, {-3.0, -3.0, -0.2}, {3.0, 3.0, 3.0}, 4, 10, {0.0},
 };
 
 static const void *find(const preset *presets, size_t count, const char *name)
@@ -171,6 +171,7 @@ static const struct {
     {"land", read_order}, {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch},
     {"fence", read_limit}, {"ages", read_limit}, {"settle", read_limit}, {"tilt", read_limit},
     {"deviation", read_limit}, {"torque", read_limit}, {"speed", read_limit}, {"end", read_limit},
+    {"voltage", sp_read_health}, {"servos", sp_read_health}, {"motors", sp_read_health}, {"health", sp_read_health},
 };
 
 /* Read a line; returns NULL, or what would have been valid. `kinds` counts lines with flight, crawl or course. */
@@ -184,7 +185,8 @@ static const char *read_line(sp_mission *m, char *line, int *kinds)
     while (k < sizeof LINES / sizeof *LINES && strcmp(words[0], LINES[k].word) != 0) k++;
     if (k == sizeof LINES / sizeof *LINES)
         return "flight, crawl, course, bench, form, heading, excite, move, crawl_to, take_off, fly_to, land, gate, goal, "
-               "unrestricted, estimate, residual, fence, ages, settle, tilt, deviation, torque, speed, end";
+               "unrestricted, estimate, residual, fence, ages, settle, tilt, deviation, torque, speed, end, voltage, servos, "
+               "motors, health";
     *kinds += LINES[k].read == read_kind;
     if (*kinds > 1) return "one flight, crawl, course or bench";
     const char *valid = LINES[k].read(m, words, count);
@@ -198,6 +200,7 @@ int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
     int number_of_line = 0, kinds = 0;
     memset(m, 0, sizeof *m);
     m->limits = LIMITS;
+    m->limits.health = SP_HEALTH_LIMITS;
     m->controller = *(const sp_controller_config *)CONTROLLERS[0].config;
     m->crawler = *(const sp_crawler_config *)CRAWLERS[0].config;
     m->estimator = SP_ESTIMATOR;
