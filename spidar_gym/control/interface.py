@@ -51,8 +51,7 @@ class Controller(Protocol):
 
     @property
     def thrust_limit(self) -> float:
-        """λ̄ at the battery's voltage, by `formulas.max_thrust`, where it is below the robot's: an input, inf by default
-        [N]."""
+        """λ̄ at the battery's voltage where it is below the robot's [N]: an input; infinite by default."""
         ...
 
     @thrust_limit.setter

@@ -324,7 +324,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("trim", "f8", (6,), "hover wrench of the robot's own stack beyond the weight [N, Nm]"),
         ("left", "f8", (), "remaining share of the thrust at the start of the rest"),
         ("has_last stage fault landing has_trim finished", "i4", (), ""),
-        ("ending told", "i4", (), "sp_fault that ends the mission; whether it had orders or, with a map, is at the goal"),
+        ("ending told", "i4", (), "sp_fault that ends the mission; whether it had orders or, with a map, reached the goal"),
         ("by_map undecided", "i4", (), "whether the map is followed; ticks until the next decision"),
         ("aborted unused", "i4", (), "whether the excitations were ended"),
         ("reason", "u1", (REASON,), "why the last orders were refused"),
@@ -352,7 +352,8 @@ def _header_lines(robot: RobotSpec) -> list[str]:
         "MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "MAX_HEADINGS": MAX_HEADINGS,
         "MAX_EXCITATIONS": MAX_EXCITATIONS, "NAMES": N_NAMES,
         "ORDER_TEXT": ORDER_TEXT, "MOST_ORDERS": MOST_ORDERS, "REASON": REASON, "MAX_GATES": gates.MAX_GATES,
-        "DECIDE": DECIDE, "DESCRIBED_THRUST": RobotSpec.max_thrust, "SERVOS": health.N_SERVOS, "FIRST_HEALTH": len(TOPICS) - len(HEALTH_TOPICS),
+        "DECIDE": DECIDE, "DESCRIBED_THRUST": RobotSpec.max_thrust, "SERVOS": health.N_SERVOS,
+        "FIRST_HEALTH": len(TOPICS) - len(HEALTH_TOPICS),
         **{name: getattr(health, name) for name in health.NUMBERS},
     }  # fmt: skip
     bounds = {
