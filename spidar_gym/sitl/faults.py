@@ -20,8 +20,8 @@ class Fault:
     doc: str
     """Description in one line."""
     reaction: str
-    """Specified reaction: `flies on`, `ends` (the mission ends, and the runner hovers), `lands` (the runner commands it),
-    or `board lands` (the board receives no commands)."""
+    """Specified reaction: `flies on`, `ends` (the mission ends, the runner hovers), `lands` (the runner commands it), or
+    `board lands` (the board receives no commands)."""
     spoil: Callable[[Message, np.random.Generator], list[Message]] = lambda message, rng: [message]
     """Function that returns the messages that replace one of the robot while the fault lasts."""
     seconds: float = np.inf

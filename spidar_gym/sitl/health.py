@@ -14,7 +14,7 @@ AMBIENT, STALL_RISE, WARM_UP = 25.0, 140.0, 300.0
 """Temperature of the air [°C]; final rise of a servo at its stall torque [K]; time constant [s]. All are guesses."""
 OVERHEATED, OVERHEAT_BIT = 60.0, 0x04
 """Temperature at which a servo reports an error [°C] [JSK], and the bit of this error [ROBOTIS]."""
-JOINT_COUNT, PITCH_COUNT, PHI_COUNT, THETA_COUNT = 7.6699e-4, 1.534e-3, 9.20388e-4, 1.15048e-3
+COUNTS = (7.6699e-4, 1.534e-3, 9.20388e-4, 1.15048e-3)
 """Angle per encoder count of joint yaw, joint pitch, φ and θ [rad] [JSK]; counts decrease with the angle."""
 MIDDLE_COUNT = 2047
 """Encoder count at the angle 0 [JSK]."""
@@ -65,10 +65,7 @@ class Health:
 
     def servos(self, time: float, joints: JointVector, vectoring: Vectoring) -> Message:
         """Return the message of the servos at measured angles [rad]."""
-        scale = interleaved(
-            np.tile([JOINT_COUNT, PITCH_COUNT], N_ROTORS), np.tile([PHI_COUNT, THETA_COUNT], (N_ROTORS, 1))
-        )
-        counts = np.rint(MIDDLE_COUNT - interleaved(joints, vectoring) / scale)
+        counts = np.rint(MIDDLE_COUNT - interleaved(joints, vectoring) / np.tile(COUNTS, N_ROTORS))
         values = {
             "index": np.arange(N_SERVOS), "angle": np.clip(counts, -32768, 32767).astype(int),
             "temp": np.rint(self.temperature).astype(int), "load": np.rint(SERVO_STALL * self.load).astype(int),

@@ -126,13 +126,10 @@ class SocketLink:
             m["joint_torque"] = np.asarray(values["effort"], float)[:N_JOINTS]
         elif message.topic == "flight_state":
             record["flight_state"], record["flight_state_time"] = values["data"], message.stamp
-        elif message.topic == "uav/cog/odom":
-            odometry = record["odometry"]
-            record["has_odometry"], odometry["time"] = 1, message.stamp
-            for field, name in ODOMETRY_FIELDS.items():
-                odometry[field] = values[name]
         elif message.topic in HEALTH_NAMES:
             self._publish_health(message)
+        elif message.topic == "uav/cog/odom":
+            self._publish_odometry(message)
         elif message.topic == ORDERS.name:
             text = str(values["data"]).encode()
             if len(text) >= ORDER_TEXT:
@@ -140,6 +137,12 @@ class SocketLink:
             self._orders.append(text)
         elif message.topic == "four_axes/command":
             record["has_thrust"], record["thrust"] = 1, values["thrust"]
+
+    def _publish_odometry(self, message: Message) -> None:
+        odometry = self._input["odometry"]
+        self._input["has_odometry"], odometry["time"] = 1, message.stamp
+        for field, name in ODOMETRY_FIELDS.items():
+            odometry[field] = message.values[name]
 
     def _publish_health(self, message: Message) -> None:
         """Store a message about the robot's health, as the runner's link to ROS does."""

@@ -90,7 +90,7 @@ def test_limits_that_do_not_bind_change_no_bit(kind):
     assert free.thrust.tobytes() == same.thrust.tobytes()
 
 
-@pytest.mark.parametrize("kind", (*FLIGHT, *CRAWL))
+@pytest.mark.parametrize("kind", [*FLIGHT, *CRAWL])
 def test_a_reset_keeps_it_for_it_is_an_input(kind):
     controller = kind()
     assert controller.thrust_limit == math.inf

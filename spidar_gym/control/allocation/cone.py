@@ -1,8 +1,8 @@
 """Primal-dual interior-point method: finds the optimum within the thrust spheres, or proves that there is none.
 
 A pure function of the program: no state, a fixed start, a bounded number of steps. Every inequality is g(x) + s = c z
-with s, z ≥ 0 and s z → 0, where g is a x − u or l − a x for the side of a row and ½ (‖f_i‖² − r²) for a sphere of the program's radius r. A row
-with a compliance c > 0 may be violated by c z. Equalities are the same without s.
+with s, z ≥ 0 and s z → 0, where g is a x − u or l − a x for the side of a row and ½ (‖f_i‖² − r²) for a sphere of the
+program's radius r. A row with a compliance c > 0 may be violated by c z. Equalities are the same without s.
 """
 
 import numpy as np
