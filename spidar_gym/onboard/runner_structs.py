@@ -324,7 +324,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("trim", "f8", (6,), "hover wrench of the robot's own stack beyond the weight [N, Nm]"),
         ("left", "f8", (), "remaining share of the thrust at the start of the rest"),
         ("has_last stage fault landing has_trim finished", "i4", (), ""),
-        ("ending told", "i4", (), "sp_fault that ends the mission; course: whether it had orders, or reached its map's goal"),
+        ("ending told", "i4", (), "sp_fault that ends the mission; course: whether it had orders or reached its goal"),
         ("by_map undecided", "i4", (), "whether the map is followed; ticks until the next decision"),
         ("aborted unused", "i4", (), "whether the excitations were ended"),
         ("reason", "u1", (REASON,), "why the last orders were refused"),

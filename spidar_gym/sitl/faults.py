@@ -20,7 +20,7 @@ class Fault:
     doc: str
     """Description in one line."""
     reaction: str
-    """Specified reaction: `flies on`, `ends` (the mission ends, the runner hovers), `lands` (the runner commands it), or
+    """Specified reaction: `flies on`, `ends` (the mission, the runner hovers), `lands` (the runner commands it), or
     `board lands` (the board receives no commands)."""
     spoil: Callable[[Message, np.random.Generator], list[Message]] = lambda message, rng: [message]
     """Function that returns the messages that replace one of the robot while the fault lasts."""
@@ -82,6 +82,8 @@ def _shift(message: Message, rng: np.random.Generator) -> list[Message]:
 
 _POSES = ("mocap/pose", "uav/cog/odom")
 VOLTAGE, SERVOS, MOTORS = (name for name, _ in HEALTH_TOPICS.values())
+SHOCK = 0x10
+"""Error bit of an electrical shock [ROBOTIS]."""
 FAULTS: dict[str, Fault] = {
     "none": Fault("nothing", "flies on"),
     "pose_stops": Fault("motion capture falls silent", "lands", _silence(*_POSES)),
@@ -105,13 +107,13 @@ FAULTS: dict[str, Fault] = {
     "voltage_low": Fault("the battery says 20.5 V", "ends", _set(VOLTAGE, "data", 20.5), sees=True),
     "voltage_critical": Fault("the battery says 18 V", "lands", _set(VOLTAGE, "data", 18.0), lines="voltage 20 20\n"),
     "voltage_nan": Fault("the battery's voltage is NaN", "ends", _set(VOLTAGE, "data", np.nan), sees=True),
-    "servo_hot": Fault("servos have 58 °C", "ends", _set(SERVOS, "temp", 58), sees=True),
+    "servo_hot": Fault("servos have 58 °C", "ends", _set(SERVOS, "temp", 58.0), sees=True),
     "servo_loaded": Fault(
-        "servos are loaded to 98 % of stall", "ends", _set(SERVOS, "load", 216), sees=True, lines="servos 57 0.95 1\n"
+        "servos are loaded to 98 % of stall", "ends", _set(SERVOS, "load", 216.0), sees=True, lines="servos 57 0.95 1\n"
     ),
-    "servo_error": Fault("servos report an electrical shock", "lands", _set(SERVOS, "error", 0x10), sees=True),
+    "servo_error": Fault("servos report an electrical shock", "lands", _set(SERVOS, "error", float(SHOCK)), sees=True),
     "servos_stop": Fault("the states of the servos stop", "ends", _silence(SERVOS), sees=True),
-    "motor_limit": Fault("motors are at their limit", "ends", _set(MOTORS, "motor_value", 1840), sees=True),
+    "motor_limit": Fault("motors are at their limit", "ends", _set(MOTORS, "motor_value", 1840.0), sees=True),
     "master": Fault("the ROS master is killed", "flies on", process="master", ros=True),
 }
 """Faults by name."""
