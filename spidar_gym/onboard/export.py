@@ -38,7 +38,7 @@ PARTS = {
     "examples": (ONBOARD / "examples", "*.c"),
 }  # fmt: skip
 """Exported folder → folder of hand-written sources, and pattern of the files."""
-EXPORTED = ("paper", "as_flown", "as_flown_quasi", "steady")
+EXPORTED = ("paper", "as_flown", "as_flown_quasi", "steady", "first_flight")
 """Flight presets of an export without a choice: those with the margins that an export requires."""
 FLOWN = EXPORTED[:3]
 """Those of them that are exported for a custom robot: the paper's."""

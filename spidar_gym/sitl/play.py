@@ -78,6 +78,7 @@ def play(
     fault: str | None = None,
     phase: str = "",
     robots: Randomization = NOT_SAMPLED,
+    robot: Callable[[int], Robot | None] = lambda seed: None,
     silent: Collection[str] = (),
     runner: Path | None = None,
     log: Path | None = None,
@@ -92,6 +93,7 @@ def play(
         fault: Name of a fault, which begins 3 s after the take-over unless `phase` is given.
         phase: Phase of a course in which the fault begins.
         robots: Distribution of the robot, as for `make_robot`.
+        robot: Returns the robot of a seed instead, or None.
         silent: Topics that this robot does not publish.
         runner: The runner's program; the one built from the present sources by default.
         log: File for the runner's log; a temporary one by default.
@@ -118,7 +120,11 @@ def play(
         # In real time, repeat the run when the machine stalled: a simulation that pauses in mid-air is no valid test.
         for _ in range(TRIES):
             session = Session(
-                make_robot(mission, seed, robots), mission, copy.deepcopy(injector), on_tick, silent=silent
+                robot(seed) or make_robot(mission, seed, robots),
+                mission,
+                copy.deepcopy(injector),
+                on_tick,
+                silent=silent,
             )
             if link == "socket":
                 run = socket_session(session, runner, text, written, link=SocketLink(silent=silent))

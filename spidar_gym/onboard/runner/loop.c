@@ -119,7 +119,7 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     for (int i = 0; i < 3; i++) r->position_w[i] = x->position_w[i] + lever[i];
     sp_copy(r->joint_target, x->joint_position, SP_JOINTS);
     sp_copy(l->form, x->joint_position, SP_JOINTS);
-    sp_flight_reset(&SP_ROBOT, &l->flight, x, x->joint_position, l->has_trim ? l->trim : NULL);
+    sp_flight_reset(&SP_ROBOT, &l->flight, x, x->joint_position, l->has_trim && l->mission.trim ? l->trim : NULL);
     return 1;
 }
 

@@ -97,6 +97,10 @@ static const char *read_switch(sp_mission *m, char **words, int count)
         m->odometry = strcmp(word, "odometry") == 0;
         return m->odometry || strcmp(word, "mocap") == 0 ? NULL : "estimate mocap, or estimate odometry";
     }
+    if (strcmp(words[0], "trim") == 0) {
+        m->trim = strcmp(word, "on") == 0;
+        return m->trim || strcmp(word, "off") == 0 ? NULL : "trim on, or trim off";
+    }
     m->residual = strcmp(word, "on") == 0;
     return m->residual || strcmp(word, "off") == 0 ? NULL : "residual on, or residual off";
 }
@@ -168,7 +172,7 @@ static const struct {
     {"flight", read_kind}, {"crawl", read_kind}, {"course", read_kind}, {"bench", read_kind}, {"form", read_form},
     {"heading", read_heading}, {"excite", sp_read_excitation}, {"move", read_move}, {"gate", sp_read_gate},
     {"goal", sp_read_goal}, {"crawl_to", read_order}, {"take_off", read_order}, {"fly_to", read_order},
-    {"land", read_order}, {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch},
+    {"land", read_order}, {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch}, {"trim", read_switch},
     {"fence", read_limit}, {"ages", read_limit}, {"settle", read_limit}, {"tilt", read_limit},
     {"deviation", read_limit}, {"torque", read_limit}, {"speed", read_limit}, {"end", read_limit},
     {"voltage", sp_read_health}, {"servos", sp_read_health}, {"motors", sp_read_health}, {"health", sp_read_health},
@@ -185,7 +189,7 @@ static const char *read_line(sp_mission *m, char *line, int *kinds)
     while (k < sizeof LINES / sizeof *LINES && strcmp(words[0], LINES[k].word) != 0) k++;
     if (k == sizeof LINES / sizeof *LINES)
         return "flight, crawl, course, bench, form, heading, excite, move, crawl_to, take_off, fly_to, land, gate, goal, "
-               "unrestricted, estimate, residual, fence, ages, settle, tilt, deviation, torque, speed, end, voltage, servos, "
+               "unrestricted, estimate, residual, trim, fence, ages, settle, tilt, deviation, torque, speed, end, voltage, servos, "
                "motors, health";
     *kinds += LINES[k].read == read_kind;
     if (*kinds > 1) return "one flight, crawl, course or bench";
@@ -204,6 +208,7 @@ int sp_read_mission(const char *text, sp_mission *m, char *reason, size_t size)
     m->controller = *(const sp_controller_config *)CONTROLLERS[0].config;
     m->crawler = *(const sp_crawler_config *)CRAWLERS[0].config;
     m->estimator = SP_ESTIMATOR;
+    m->trim = 1;
     m->manager = SP_MANAGER;
     while (*text != 0 && valid == NULL) {
         size_t length = strcspn(text, "\n");
