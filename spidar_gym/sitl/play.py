@@ -19,7 +19,6 @@ from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.randomize import Randomization, randomize
 from spidar_gym.sitl.course_drive import NOT_SAMPLED, course_robot
 from spidar_gym.sitl.faults import FAULTS, Injector
-from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.missions import Mission, hover_mission
 from spidar_gym.sitl.report import crawl_log, fault_figures, flight_log, timing
 from spidar_gym.sitl.robot import Robot
@@ -127,7 +126,7 @@ def play(
                 silent=silent,
             )
             if link == "socket":
-                run = socket_session(session, runner, text, written, link=SocketLink(silent=silent))
+                run = socket_session(session, runner, text, written)
             else:
                 from spidar_gym.sitl.link_ros import RosLink  # imported only where ROS is used
 

@@ -231,7 +231,7 @@ class Robot:
             messages.append(self.health.servos(self.time, m.joint_position, m.vectoring))
         if self.steps % BATTERY == 0:
             volts = voltage(spent + self.plant.energy_wh, self.plant.power)
-            messages.append(Message("battery_voltage_status", self.time, {"data": float(volts)}))
+            messages.append(Message("battery_voltage_status", self.time, {"data": float(np.float32(volts))}))
             messages.append(motors(self.time, thrust, volts, armed=self.board.armed))
         return messages
 

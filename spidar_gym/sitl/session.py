@@ -171,7 +171,8 @@ class Session:
             silent: Topics that this robot does not publish.
         """
         self.robot, self.mission, self.injector, self._on_tick = robot, mission, injector, on_tick
-        self.run, self._silent = Run(), frozenset(silent)
+        self.run, self.silent = Run(), tuple(silent)
+        """Result, and topics that this robot does not publish."""
         self.phase, self.stage = PHASES[0], Stage.WAITING
         """Phase and stage that the runner last reported."""
         self._landing_asked = self._touched = self._rested = np.inf
@@ -197,7 +198,7 @@ class Session:
     def step(self) -> list[Message]:
         """Simulate 5 ms of the robot; return the messages that reach the runner."""
         robot, run = self.robot, self.run
-        messages = [message for message in robot.step() if message.topic not in self._silent]
+        messages = [message for message in robot.step() if message.topic not in self.silent]
         self._hit = max(self._hit, robot.plant.hit)
         run.first_driven = min(run.first_driven, robot.first_driven)
         fault, driven = self.injector, robot.time > run.first_driven
@@ -263,7 +264,7 @@ def socket_session(
     session: Session, runner_path: Path, mission_path: Path, log: Path, *, link: SocketLink | None = None
 ) -> Run:  # fmt: skip
     """Run over the socket in lock-step, as fast as possible; a stalled runner receives no input."""
-    link = link or SocketLink()
+    link = link or SocketLink(silent=session.silent)
     command = [str(runner_path), "sim", link.place, str(mission_path), "--log", str(log)]
     runner = Runner(command)
     robot, asleep, answers = session.robot, 0.0, []

@@ -19,7 +19,8 @@ static const preset CRAWLERS[] = {SP_CRAWLER_PRESETS(ROW)};
 
 static const char NO_KIND[] = "flight PRESET, crawl PRESET, course FLIGHT CRAWL or bench first";
 static const sp_limits LIMITS = {
-    1.0, 0.2, 0.1, 0.15, 0.5, 0.1, 0.6, 0.0, HUGE_VAL, {-3.0, -3.0, -0.2}, {3.0, 3.0, 3.0}, 4, 10, {0.0},
+    .settle = 1.0, .pose_age = 0.2, .imu_age = 0.1, .joint_age = 0.15, .state_age = 0.5, .gap = 0.1, .tilt = 0.6,
+    .torque = HUGE_VAL, .fence_low = {-3.0, -3.0, -0.2}, .fence_high = {3.0, 3.0, 3.0}, .hold_ticks = 4, .landing_ticks = 10,
 };
 
 static const void *find(const preset *presets, size_t count, const char *name)
