@@ -38,13 +38,13 @@ class Robots:
         return Robot(with_damping(with_lateness(config, LATE), self.damping), seed=seed)
 
 
-def first_flight_figures(run: Run, log: RunnerLog) -> dict[str, Any]:
-    """Compute the figures of a first flight.
+def first_flight_figures(run: Run, log: RunnerLog, seconds: float) -> dict[str, Any]:
+    """Compute the figures of a first flight of this length [s].
 
     Returns:
-        `stayed_up`: whether the mission ended without a fault or a forced landing; `fault`, the runner's last fault in
-        words; `rms_m` and `most_m`, true position errors of the CoG in the drive; `sag_m`, how far it sank in the first
-        5 s; `tilt_rad`, the largest.
+        `stayed_up`: whether the runner drove to the end without a fault; `fault`, its last one in words; `rms_m` and
+        `most_m`, true position errors of the CoG in the drive; `sag_m`, how far it sank in the first 5 s; `tilt_rad`,
+        the largest.
     """
     stages = log.outputs["stage"]
     drives = (Stage.DRIVING, Stage.HOLDING, Stage.ENDING)
@@ -57,7 +57,7 @@ def first_flight_figures(run: Run, log: RunnerLog) -> dict[str, Any]:
     off = np.linalg.norm(errors, axis=1)
     fault = int(log.outputs["fault"][stages > Stage.WAITING].max(initial=0))
     return {
-        "stayed_up": not run.board and not fault and bool(log.outputs["finished"].any()),
+        "stayed_up": not fault and flown[-1][0].time > run.first_driven + seconds - 0.2,
         "fault": list(FAULTS.values())[fault],
         "rms_m": float(np.sqrt(np.mean(off**2))),
         "most_m": float(off.max()),
@@ -81,7 +81,7 @@ def play_first_flights(
             mission = forms_mission(preset) if forms else first_flight_mission(preset)
             played = play(mission, link, seed=seed + k, robots=own, robot=robots.make, runner=runner)
             kind = own.name if own.world else "described" if robots.damping is None else f"D {robots.damping:g}"
-            figures = first_flight_figures(played.run, played.log)
+            figures = first_flight_figures(played.run, played.log, mission.seconds)
             rows.append({"preset": preset, "robot": kind, "seed": seed + k, **figures})
             on_flight()
     return rows
