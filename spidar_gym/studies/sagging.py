@@ -29,6 +29,8 @@ PAYLOADS = (0.0, 2.0, 2.5, 3.0)
 """Masses that the torso carries [kg]."""
 SPEED = 1.5
 """Speed of the flights [m/s]."""
+FELL = 0.5
+"""Error of the position above which a robot has fallen, even if it flies on from the floor [m]."""
 UNLIMITED = "voltage 15 15\nmotors 1 1000\n"
 """Lines without which the runner would land before the thrust limits the flight."""
 
@@ -72,8 +74,8 @@ def sagging_figures(played: Played) -> dict[str, Any]:
     """Compute the figures of a course in the air.
 
     Returns:
-        `completed`; `rms_m`, `most_m`, true position errors of the CoG; `scaled`, ticks whose thrusts the board scaled,
-        of `ticks`; `volts`, the least voltage.
+        `completed`: without a landing, a fault or an error above `FELL`; `rms_m`, `most_m`, true position errors of the
+        CoG; `scaled`, ticks whose thrusts the board scaled, of `ticks`; `volts`, the least voltage.
     """
     run, log = played.run, played.log
     rows, at = driven(run, log)
@@ -90,7 +92,7 @@ def sagging_figures(played: Played) -> dict[str, Any]:
         least = min(least, volts)
         scaled += bool(answer["command"]["thrust"].max() > min(ROBOT.max_thrust, max_thrust(volts)) + 1e-9)
     return {
-        "completed": not run.board and not log.outputs["fault"][-1] and bool(log.outputs["finished"].any()),
+        "completed": not run.board and not log.outputs["fault"][-1] and max(errors) < FELL,
         "rms_m": float(np.sqrt(np.mean(np.square(errors)))),
         "most_m": max(errors),
         "scaled": scaled,
