@@ -16,6 +16,7 @@ from spidar_gym.sitl.missions import (
     course_mission,
     crawl_mission,
     drawn_course,
+    first_flight_mission,
     flight_mission,
     hover_mission,
     map_mission,
@@ -62,7 +63,11 @@ def export_(
     flown, steady = exported("as_flown"), exported("steady")
     plans = (flight_mission(flown), crawl_mission(robot=spec), hover_mission(flown))
     if spec == ROBOT:  # heights and slots of the courses fit only the nominal legs
-        plans += (course_mission(preset=steady), map_mission(drawn_course(3, GATES_SEED), preset=steady))
+        plans += (
+            first_flight_mission(exported("first_flight")),
+            course_mission(preset=steady),
+            map_mission(drawn_course(3, GATES_SEED), preset=steady),
+        )
     plans += tuple(robot_test(name, flown) for name in ROBOT_TESTS)
     missions = {f"missions/{plan.name}.txt": plan.text.encode() for plan in plans}
     written = export(

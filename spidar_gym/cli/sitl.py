@@ -26,6 +26,7 @@ from spidar_gym.sim.randomize import Randomization
 from spidar_gym.sitl import report
 from spidar_gym.sitl.course_drive import course_report, courses_in_process
 from spidar_gym.sitl.course_faults import course_fault_lines, pairs_of, play_course_faults
+from spidar_gym.sitl.first_flights import Robots, first_flight_lines, play_first_flights
 from spidar_gym.sitl.link_socket import SocketLink
 from spidar_gym.sitl.missions import (
     ROBOT_TESTS,
@@ -198,6 +199,42 @@ def course(
         others = courses_in_process(mission, robots, options.robots, workers=workers, on_robot=bar.update)
     figures, table = course_report(played.run, played.log, mission, others)
     _say_figures(folder, mission.name, figures, table, options.json)
+
+
+@sitl_app.command(name="first-flights")
+def first_flights(
+    presets: tuple[FlightPresetArg, ...] = ("first_flight",),
+    flights: int = 20,
+    damping: float | None = None,
+    forms: Flag = False,
+    link: LinkArg = "socket",
+    seed: int = 0,
+    world: WorldArg = "",
+    out: Path = Path("out/sitl-first-flights"),
+    json: JsonArg = False,
+) -> None:
+    """Fly the first flight of many robots: a hover in the form of the take-off for 20 s, then form ①.
+
+    Args:
+        presets: Controller presets; each flies the same robots.
+        flights: Number of robots.
+        damping: Damping of the joints of described robots without dry friction, with late commands [Nm s/rad].
+        forms: Hover in the paper's forms instead, 20 s in each: in form ② a badly damped robot falls first.
+        link: ros: in real time, 55 s per flight; socket: in lock-step, faster and without ROS.
+        seed: Seed of the first robot and its noise; each further robot has the next one.
+        out: Folder for first_flights.json.
+    """
+    require_least(0, seed=seed)
+    require_least(1, flights=flights)
+    require_name("link", link, LINKS)
+    if damping is not None:
+        require_above(damping=damping)
+        if world:
+            raise InvalidValueError("damping", damping, "none for robots of a world, whose joints have their own")
+    robots, folder = Robots(require_robots(world), damping), output_folder(out)
+    with progress(total=flights * len(presets), unit="flight", desc=f"first flights over {link}") as bar:
+        rows = play_first_flights(link, presets, flights, robots, seed=seed, forms=forms, on_flight=bar.update)
+    print(published(folder, "first_flights", {"flights": rows}, format_table(first_flight_lines(rows)), json))
 
 
 @sitl_app.command(name="tests")

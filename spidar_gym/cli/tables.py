@@ -27,6 +27,7 @@ from spidar_gym.paper.flight import flight_lines
 from spidar_gym.paper.flight_studies import speed_lines
 from spidar_gym.sim.worlds import find_world, world_lines
 from spidar_gym.sitl.course_faults import course_fault_lines
+from spidar_gym.sitl.first_flights import first_flight_lines
 from spidar_gym.studies.ablations import ablation_lines
 from spidar_gym.studies.calibrate import fit_lines, profile_lines
 from spidar_gym.studies.drift import drift_lines
@@ -38,6 +39,7 @@ from spidar_gym.studies.hops import hop_lines
 from spidar_gym.studies.lost import lost_lines
 from spidar_gym.studies.margins import check_lines
 from spidar_gym.studies.reality import reality_lines
+from spidar_gym.studies.sagging import sagging_lines
 from spidar_gym.studies.steps import step_lines
 from spidar_gym.text import format_table
 from spidar_gym.tune.flight import loops, margin_lines
@@ -159,6 +161,8 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "draws": lambda result: study_lines(result["draws"]),
     "lost": lambda result: lost_lines(result["lost_rotors"]),
     "course_faults": lambda result: course_fault_lines(result["course_faults"]),
+    "first_flights": lambda result: first_flight_lines(result["flights"]),
+    "sagging": lambda result: sagging_lines(result["sagging"]),
     "hops": lambda result: hop_lines(result["hops"]),
     "gates": lambda result: gate_lines(result["gates"]),
     "ablations": lambda result: ablation_lines(result["ablations"]),

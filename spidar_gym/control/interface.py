@@ -49,6 +49,14 @@ class Controller(Protocol):
         """State kept from one tick to the next."""
         ...
 
+    @property
+    def thrust_limit(self) -> float:
+        """λ̄ at the battery's voltage where it is below the robot's [N]: an input; infinite by default."""
+        ...
+
+    @thrust_limit.setter
+    def thrust_limit(self, newtons: float) -> None: ...
+
     def set_last_command(self, command: Command) -> None:
         """Store the command of another controller as the last command."""
 

@@ -89,6 +89,16 @@ STEADY = replace(
     ),
 )
 """The recommended flight controller: the best one with margins for robots whose legs bend and hardly damp."""
+# Chosen by hand: two thirds of the bandwidth of `paper` in attitude and position, so that it excites the legs less.
+FIRST_FLIGHT = ControllerConfig(
+    joint_speed=0.1,
+    centroidal=CentroidalConfig(
+        position_gains=((1.8, 0.054, 2.5), (1.8, 0.054, 2.5), (2.0, 0.5, 2.5)),
+        attitude_gains=((6.5, 0.3, 3.6), (6.5, 0.3, 3.6), (5.0, 0.2, 3.4)),
+    ),
+    compensation=CompensationConfig(joint_ramp=0.4),
+)
+"""The flight controller for the first flights of a robot: little bandwidth, large margins, slow joints."""
 PRESETS: dict[str, ControllerConfig] = {
     "paper": ControllerConfig(),
     "as_flown": ControllerConfig(allocation="as_flown"),
@@ -97,6 +107,7 @@ PRESETS: dict[str, ControllerConfig] = {
     "tuned": TUNED,
     "retuned": RETUNED,
     "steady": STEADY,
+    "first_flight": FIRST_FLIGHT,
 }
 """Controllers by name."""
 FORMER_PRESETS: dict[str, ControllerConfig] = {"tuned_v1": TUNED_V1}

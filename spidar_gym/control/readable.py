@@ -1,5 +1,6 @@
 """Base class of the Python controllers: repeats the last command, or takes over from another controller."""
 
+import math
 from dataclasses import replace
 from typing import Generic, TypeVar
 
@@ -24,6 +25,8 @@ class ReadableController(Generic[MemoryT, RecordT]):
     """State kept from one tick to the next."""
     last_step: RecordT | None
     """Record of the last step; None before the first."""
+    thrust_limit: float = math.inf
+    """λ̄ at the present voltage of the battery where it is below the robot's [N]; an input of the next step."""
 
     def __init__(self, model: Model | None, *, rate_hz: float, joint_torque_limit: float) -> None:
         """Take the model, the control rate [Hz] and the torque that each joint servo may use [Nm]."""

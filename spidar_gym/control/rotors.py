@@ -1,5 +1,6 @@
 """Builds the allocation's demand from a wrench: rotors restricted by interference, locked, or lost."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +40,7 @@ def fresh_rotors(vectoring: Vectoring, forces_l: RotorForces) -> RotorMemory:
 def flight_demand(
     memory: RotorMemory, mode: Mode, snapshot: Snapshot, vectoring: Vectoring, wrench: Wrench, *,
     lost_thrust: RotorMask, lost_vectoring: RotorMask, interference_config: InterferenceConfig, lock_config: LockConfig,
+    thrust_limit: float = math.inf,
 ) -> tuple[Demand, Lock, Interference]:  # fmt: skip
     """Build the allocation's demand: the wrench, the maps, and the rotors that are locked or restricted.
 
@@ -52,6 +54,7 @@ def flight_demand(
         lost_vectoring: Modules whose φ and θ no longer move.
         interference_config: Thresholds of the interference test.
         lock_config: Thresholds and rates of the φ lock.
+        thrust_limit: λ̄ at the present voltage [N].
     """
     nominal = nominal_vectoring(snapshot.R_bl, memory.vectoring)
     bounds = find_interference(snapshot, nominal, memory.interference, config=interference_config)
@@ -71,6 +74,7 @@ def flight_demand(
         lower=bounds.lower,
         upper=bounds.upper,
         lost=lost_thrust,
+        thrust_limit=thrust_limit,
         robot=snapshot.robot,
     )
     return demand, lock, bounds

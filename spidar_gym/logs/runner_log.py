@@ -15,8 +15,10 @@ from spidar_gym.logs.record import Record, Series, ordered
 from spidar_gym.logs.topics import FORMATS
 from spidar_gym.native.library import STATUS
 from spidar_gym.native.structs import WORDS
+from spidar_gym.onboard.health import N_SERVOS
 from spidar_gym.onboard.messages import FORCE_LANDING, ORDERS, STATE_NAMES
 from spidar_gym.onboard.parameters import text_of
+from spidar_gym.onboard.runner_header import runner_hash
 from spidar_gym.onboard.runner_structs import (
     FAULTS,
     MAGIC,
@@ -26,7 +28,6 @@ from spidar_gym.onboard.runner_structs import (
     LogKind,
     MissionKind,
     log_layouts,
-    runner_hash,
 )
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_ROTORS
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
@@ -37,6 +38,10 @@ _STAGE_TEXTS = {int(stage): text for text, stage in STAGES.items()}
 _FAULT_TEXTS = tuple(FAULTS.values())
 ABORTED = "the excitations are ended: a joint is too far from its command"
 """Event of a test of the robot."""
+SERVO_COLUMNS = {
+    "angle": "servo_angle", "temperature": "servo_temperature", "load": "servo_load", "error": "servo_error",
+}  # fmt: skip
+"""Columns of `servo/states` → members of the runner's input."""
 CODES = {
     "action": len(Action), "stage": len(STAGES), "fault": len(FAULTS), "status": len(STATUS), "finished": 2,
     "aborted": 2, "phase": len(GAIT_PHASES), "manager_phase": len(MANAGER_PHASES), "heard": len(Heard),
@@ -212,11 +217,26 @@ def _received(log: RunnerLog) -> list[Series]:
     found.append(_series("uav/cog/odom", now[at], values, odometry["time"][at]))
     at = _new(inputs["flight_state_time"])
     found.append(_series("flight_state", inputs["flight_state_time"][at], {"data": inputs["flight_state"][at]}))
+    found += _health(inputs["health"], now)
     at = np.flatnonzero(inputs["has_thrust"])
     found.append(_series("runner/other_command", now[at], {"base_thrust": inputs["thrust"][at]}))
     at = np.flatnonzero(inputs["orders"][:, 0])
     orders = [inputs["orders"][k].tobytes().partition(b"\0")[0].decode(errors="replace") for k in at]
     found.append(_series(ORDERS.name, now[at], {"data": np.array(orders, object)}))
+    return found
+
+
+def _health(health: np.ndarray, now: np.ndarray) -> list[Series]:
+    """Return the messages about the robot's health, from the last one at every tick."""
+    found, times = [], {name: health[name] for name in ("voltage_time", "servo_time", "motor_time")}
+    at = _new(times["voltage_time"])
+    found.append(_series("battery_voltage_status", now[at], {"data": health["voltage"][at]}, times["voltage_time"][at]))
+    at = _new(times["servo_time"])
+    values = {name: health[own][at] for name, own in SERVO_COLUMNS.items()}
+    values["index"] = np.broadcast_to(np.arange(N_SERVOS), values["angle"].shape)
+    found.append(_series("servo/states", now[at], values, times["servo_time"][at]))
+    at = _new(times["motor_time"])
+    found.append(_series("motor_pwms", now[at], {"motor_value": health["motor_output"][at]}, times["motor_time"][at]))
     return found
 
 

@@ -147,7 +147,7 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         Column("error", ("servos[].error",), "1", "error bits of each servo", ANY, kind="uint8"),
     ),
     "spinal/Pwms": (
-        Column("motor_value", ("motor_value",), "1", "signal of each motor, as reported", ANY, kind="uint16"),
+        Column("motor_value", ("motor_value",), "µs", "length of each module's signal, of 2000", ANY, kind="uint16"),
     ),
 }
 """ROS type → columns."""
@@ -238,8 +238,6 @@ def _formats() -> Iterator[Format]:
         name, frame = topic.name, _FRAMES.get(topic.name, "")
         yield Format(name, topic.kind, COLUMNS[topic.kind], topic.doc, topic.rate, frame, _NAMES.get(name, ()))
     for name, kind, doc in (
-        ("servo/states", "spinal/ServoStates", "raw states of the servos"),
-        ("motor_pwms", "spinal/Pwms", "raw signals of the motors"),
         ("runner/other_command", "spinal/FourAxisCommand", "rotor command of another node, as the runner received it"),
         ("runner/estimate", f"{PACKAGE}/State", "state that the controller uses"),
         ("runner/reference", f"{PACKAGE}/Reference", "desired motion"),
@@ -276,9 +274,6 @@ _STANDARD = {
     "nav_msgs/Odometry": "Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n"
     "geometry_msgs/TwistWithCovariance twist",
     "sensor_msgs/JointState": "Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
-    "spinal/ServoState": "uint8 index\nint16 angle\nuint8 temp\nint16 load\nuint8 error",
-    "spinal/ServoStates": "time stamp\nspinal/ServoState[] servos",
-    "spinal/Pwms": "time stamp\nuint16[] motor_value",
 }
 HEAD_IMU = "time stamp\nfloat32[3] acc\nfloat32[3] gyro\nfloat32[3] mag\nfloat32[4] quaternion"
 """`spinal/Imu` of the lab's present software: other names, and a quaternion (x, y, z, w) in place of angles."""
@@ -309,6 +304,11 @@ def _text(kind: str, *, head: bool = False) -> str:
     return (DEFINITIONS / f"{name}.msg").read_text("utf-8").rstrip("\n")
 
 
+def _is_defined(kind: str) -> bool:
+    package, _, name = kind.partition("/")
+    return kind in _STANDARD or (package == "spinal" and (DEFINITIONS / f"{name}.msg").is_file())
+
+
 @cache
 def definition(kind: str, *, head: bool = False) -> str:
     """Return the whole definition of a type, with those that it uses, as in bags.
@@ -324,7 +324,7 @@ def definition(kind: str, *, head: bool = False) -> str:
             words = line.partition("#")[0].split()
             base = words[0].partition("[")[0] if words else ""
             full = next(
-                (n for n in (base, f"{user.partition('/')[0]}/{base}", f"std_msgs/{base}") if n in _STANDARD), ""
+                (n for n in (base, f"{user.partition('/')[0]}/{base}", f"std_msgs/{base}") if _is_defined(n)), ""
             )
             if full and full not in used:
                 used[full] = _text(full)

@@ -24,6 +24,8 @@ AIM_HOLD = 0.05
 """Share of a force in torso axes that is added along the last φ, since φ is undefined for a thrust along φ's axis."""
 TURN_BIAS = 0.1
 """Preference of each leg for one of the two turns to the tangential plane [rad]."""
+BATTERY_VOLTAGE, BATTERY_THRUST, THRUST_PER_VOLT = 22.2, 31.8, 2.9
+"""Voltage of the battery under load [V], largest thrust of a module at it [N], and its slope [N/V] [JSK]."""
 
 
 def vectoring_to_force(thrust: RotorVector, vectoring: Vectoring) -> RotorForces:

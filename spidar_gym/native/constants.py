@@ -62,7 +62,7 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", observation, ("NO_NEXT_FORM",)),
     ("", state, ("LEAST_QUATERNION",)),
     ("", so3, ("SMALL_ANGLE", "SMALL_SINE")),
-    ("", rotor, ("MIN_FORCE", "AIM_HOLD", "TURN_BIAS")),
+    ("", rotor, ("MIN_FORCE", "AIM_HOLD", "TURN_BIAS", "BATTERY_VOLTAGE", "BATTERY_THRUST", "THRUST_PER_VOLT")),
     ("", rotors, ("NARROW",)),
     ("", centroidal, ("MISSED_FORCE", "MISSED_TORQUE")),
     ("", compensation, ("MAX_EXTERNAL_SHARE", "MAX_EXTERNAL_TORQUE")),

@@ -26,7 +26,7 @@ from spidar_gym.native.constants import (
     SIZES,
     STEPS,
 )
-from spidar_gym.native.structs import COUNT, FLAG, INFINITE, CStruct, border_structs, dtypes
+from spidar_gym.native.structs import COUNT, FLAG, INFINITE, LIMIT, CStruct, border_structs, dtypes
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
 
 CORE_STRUCTS: Sequence[CStruct] = (
@@ -88,6 +88,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("q", "f8", (MAX_N,), ""),
         ("A", "f8", (MAX_M * MAX_N,), ""),
         ("l u", "f8", (MAX_M,), ""),
+        ("radius", "f8", (), "of the thrust spheres ‖f_i‖ ≤ r, in units of λ̄"),
     )),
     CStruct("allocation", "The allocation of one tick.", (
         ("forces_l", "f8", (N_FORCES,), "rotor forces, link axes [N]"),
@@ -162,6 +163,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("memory", "flight_memory", (), ""),
         ("mode", "mode", (), ""),
         ("dt", "f8", (), "length of a tick [s]"),
+        ("thrust_limit", "f8", (), "input: λ̄ at the present voltage where it is below the robot's [N]", LIMIT),
         ("ticked", "i4", (), "whether a previous tick exists", FLAG),
         ("control", "control_state", (), ""),
         ("demand", "demand", (), ""),
@@ -228,6 +230,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("memory", "crawl_memory", (), ""),
         ("modes", "mode", (len(PROGRAMS),), "by sp_program_kind"),
         ("dt", "f8", (), "length of a tick [s]"),
+        ("thrust_limit", "f8", (), "input: λ̄ at the present voltage where it is below the robot's [N]", LIMIT),
         ("home_b", "f8", (3 * N_LEGS,), "positions of the feet at rest [m]"),
         ("ticked", "i4", (), "whether a previous tick exists", FLAG),
         ("R_wb", "f8", (9,), "attitude of the torso"),

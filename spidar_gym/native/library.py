@@ -186,6 +186,15 @@ class Core(Generic[M]):
         self._solve_time = 0.0
         self._last_step: Any = None
 
+    @property
+    def thrust_limit(self) -> float:
+        """λ̄ at the present voltage [N]; as `ReadableController.thrust_limit`."""
+        return float(self.whole["thrust_limit"])
+
+    @thrust_limit.setter
+    def thrust_limit(self, newtons: float) -> None:
+        self.whole["thrust_limit"][...] = newtons
+
     def forget(self) -> None:
         """Discard what was read of the last tick, after the engine has advanced the viewed controller."""
         self._last_step, self._solve_time = None, float("nan")

@@ -53,6 +53,8 @@ INFINITE: Bounds = (-math.inf, math.inf)
 """Bounds of a number that may be infinite."""
 SINCE: Bounds = (0.0, 1e15)
 """Bounds of a time or an amount that is never negative."""
+LIMIT: Bounds = (0.0, math.inf)
+"""Bounds of a limit that may be infinite."""
 WHOLE: dict[tuple[str, str], Bounds] = {
     ("measurement", "pose_count"): (0, POSE_FRAMES),
     ("measurement", "imu_count"): (0, IMU_SAMPLES),
@@ -73,6 +75,7 @@ FRACTIONS: dict[tuple[str, str], Bounds] = {
     ("interference", "upper"): INFINITE,
     ("demand", "lower"): INFINITE,
     ("demand", "upper"): INFINITE,
+    ("demand", "thrust_limit"): LIMIT,
 }
 """Bounds of floating-point numbers that differ from `USUAL`."""
 OPTIONAL = {("residual", "forces_l"): (N_ROTORS, 3), ("residual", "leg_forces_b"): (N_LEGS, 3)}

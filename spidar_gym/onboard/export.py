@@ -27,7 +27,8 @@ from spidar_gym.onboard.fields import fields_header
 from spidar_gym.onboard.golden import golden_files
 from spidar_gym.onboard.parameters import digest_of, parameters_record, parameters_text
 from spidar_gym.onboard.policy import RATE, policy_header
-from spidar_gym.onboard.runner_structs import RUNNER, runner_hash, runner_header
+from spidar_gym.onboard.runner_header import runner_hash, runner_header
+from spidar_gym.onboard.runner_structs import RUNNER
 from spidar_gym.policies.artifact import read_artifact
 from spidar_gym.policies.source import artifact_file
 from spidar_gym.robot import ROBOT, RobotSpec
@@ -40,7 +41,7 @@ PARTS = {
     "examples": (ONBOARD / "examples", "*.c"),
 }  # fmt: skip
 """Exported folder → folder of hand-written sources, and pattern of the files."""
-EXPORTED = ("paper", "as_flown", "as_flown_quasi", "steady")
+EXPORTED = ("paper", "as_flown", "as_flown_quasi", "steady", "first_flight")
 """Flight presets of an export without a choice: those with the margins that an export requires."""
 FLOWN = EXPORTED[:3]
 """Those of them that are exported for a custom robot: the paper's."""

@@ -14,6 +14,7 @@ from spidar_gym.native.codegen.header import array, define, header, hex_float
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.core_structs import CORE_STRUCTS
 from spidar_gym.native.structs import WORDS, Bounds, CStruct, border_structs, struct_of
+from spidar_gym.onboard.health import HEALTH_STRUCTS, HOTTEST, VOLTAGES
 from spidar_gym.onboard.limits import Limits
 from spidar_gym.robot.ranges import INERTIAS, LENGTHS, OTHERS, PLACES
 
@@ -42,7 +43,7 @@ UNITS: dict[str, Bounds] = {
     "rad": (0.0, 2.0 * pi), "rad/s": (0.0, 1e3), "rad/s²": (0.0, 1e4), "Hz": (CONTROL_RATE, CONTROL_RATE),
     "N": (0.0, OTHERS.most), "Nm": (0.0, OTHERS.most), "Nm/rad": (0.0, OTHERS.most), "Nm s/rad": (0.0, OTHERS.most),
     "1/s": (0.0, 1e4), "1/s²": (0.0, 1e4), "1/s³": (0.0, 1e4), "1/(Nm)²": (0.0, 1e6),
-    "kg m²": (-INERTIAS.most, INERTIAS.most), "1/s²,1/s³,1/s": (0.0, 1e4),
+    "V": VOLTAGES, "°C": (0.0, HOTTEST), "kg m²": (-INERTIAS.most, INERTIAS.most), "1/s²,1/s³,1/s": (0.0, 1e4),
 }  # fmt: skip
 """Least and largest value of numbers by their unit, 1 without one; of gains with more than one unit by all of them."""
 _LENGTH, _PLACE, _ANGLE = (LENGTHS.least, LENGTHS.most), (PLACES.least, PLACES.most), (-pi / 2.0, pi / 2.0)
@@ -69,6 +70,8 @@ RANGES: dict[tuple[str, str], Bounds] = {
     ("limits", "torque"): _ABOVE_0,
     ("limits", "hold_ticks"): (0, 4),
     ("limits", "landing_ticks"): (1, 400),
+    **{("health_limits", name): _ABOVE_0 for name in ("load", "load_time", "output_time", "age")},
+    ("health_limits", "output"): (POSITIVE, 1.0),
     **{(struct, name): _ABOVE_0 for struct in ("controller_config", "crawler_config") for name in (
         "joint_speed", "joint_torque_limit", "torque_limit", "foot_friction", "peg_friction",
     )},
@@ -125,7 +128,7 @@ class Field:
 
 @cache
 def _tables() -> Mapping[str, CStruct]:
-    return {each.name: each for each in (*border_structs(), *CORE_STRUCTS, struct_of(Limits()))}
+    return {each.name: each for each in (*border_structs(), *CORE_STRUCTS, *HEALTH_STRUCTS, struct_of(Limits()))}
 
 
 @cache

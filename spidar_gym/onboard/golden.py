@@ -12,7 +12,8 @@ from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.library import STATUS
 from spidar_gym.native.structs import fill
-from spidar_gym.onboard.runner_structs import DIGEST, MAGIC, LogKind, log_layouts, runner_hash
+from spidar_gym.onboard.runner_header import runner_hash
+from spidar_gym.onboard.runner_structs import DIGEST, MAGIC, LogKind, log_layouts
 from spidar_gym.policies.presets import PresetPolicy
 from spidar_gym.policies.rollout import rollout
 from spidar_gym.robot import ROBOT, RobotSpec

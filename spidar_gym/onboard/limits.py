@@ -1,7 +1,8 @@
 """Thresholds of the runner: the third part of its parameters beside robot and gains; a mission may change some."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from spidar_gym.onboard.health import HealthLimits
 from spidar_gym.robot.ranges import OTHERS
 
 
@@ -35,3 +36,5 @@ class Limits:
     """Ticks of a fault before the landing is forced."""
     landing_ticks: int = 10
     """Ticks of the landing command before silence."""
+    health: HealthLimits = field(default_factory=HealthLimits)
+    """Battery, servos and motors."""

@@ -45,7 +45,9 @@ FEEDBACK = (
     Topic("uav/baselink/odom", "nav_msgs/Odometry", 100.0, "pose and velocity of the flight controller"),
     Topic(TOPICS["state"][0], "std_msgs/UInt8", CONTROL_RATE, "state of the flight stack"),
     Topic("flight_config_ack", "std_msgs/UInt8", 0.0, "echo of a configuration command"),
-    Topic("battery_voltage_status", "std_msgs/Float32", 10.0, "[V]"),
+    _expected("voltage", "std_msgs/Float32", "of the battery under load [V]"),
+    _expected("servos", "spinal/ServoStates", "encoder count, temperature [°C], load and error bits of 32 servos"),
+    _expected("motors", "spinal/Pwms", "length of each module's signal [µs], of a period of 2 ms"),
 )
 """Topics that the robot publishes."""
 COMMANDS = (
@@ -76,4 +78,4 @@ class Message:
     values: Mapping[str, Any] = field(default_factory=dict)
     """Values by field: `name`, `position`, `effort` (JointState); `acc`, `gyro`, `angles` (Imu); `position`, `quat`
     (w, x, y, z), and for odometry `velocity`, `omega`; `thrust` (FourAxisCommand's `base_thrust`); `data` (numbers,
-    text); `cmd` (FlightConfigCmd)."""
+    text); `cmd` (FlightConfigCmd); `index`, `angle`, `temp`, `load`, `error` (ServoStates); `motor_value` (Pwms)."""

@@ -32,7 +32,8 @@ from spidar_gym.onboard.fields import (
     fields_of,
 )
 from spidar_gym.onboard.limits import Limits
-from spidar_gym.onboard.runner_structs import MOST_PRESETS, NAME, log_layouts, runner_hash
+from spidar_gym.onboard.runner_header import runner_hash
+from spidar_gym.onboard.runner_structs import MOST_PRESETS, NAME, log_layouts
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, ROBOT, RobotSpec
 from spidar_gym.robot.description import model_hash
 

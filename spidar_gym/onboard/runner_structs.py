@@ -8,27 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from spidar_gym.control.allocation.problem import N_FORCES
-from spidar_gym.control.course import gates
-from spidar_gym.control.locomotion.commands import FIELD, HEIGHTS, SPEEDS, STEEPEST
-from spidar_gym.control.locomotion.orders import PHASES
-from spidar_gym.native.codegen.header import (
-    array,
-    define,
-    enumeration,
-    header,
-    initializer,
-    interface_digest,
-    interface_hash,
-    struct,
-)
 from spidar_gym.native.constants import MAX_ACTION, MAX_WAYPOINTS, Enumeration, snake
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.structs import CStruct, dtypes, struct_of
-from spidar_gym.onboard.fields import fields_header
+from spidar_gym.onboard.health import HEALTH_STRUCTS, HEALTH_TOPICS
 from spidar_gym.onboard.limits import Limits
-from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, source_doc
+from spidar_gym.robot import N_JOINTS, N_ROTORS, source_doc
 from spidar_gym.sim.sensors import ENCODER_PERIOD, IMU_PERIOD, POSE_PERIOD
-from spidar_gym.tasks.course import DECIDE
 
 RUNNER = Path(__file__).resolve().parent / "runner"
 """Sources of the runner."""
@@ -51,8 +37,9 @@ N_NAMES = N_JOINTS + 2 * N_ROTORS
 TOPICS = {
     "joints": ("joint_states", 1.0 / ENCODER_PERIOD), "imu": ("imu", 1.0 / IMU_PERIOD),
     "pose": ("mocap/pose", 1.0 / POSE_PERIOD), "odometry": ("uav/cog/odom", 100.0), "state": ("flight_state", 0.0),
+    **HEALTH_TOPICS,
 }  # fmt: skip
-"""Topics that the runner subscribes to, in its order: name, and expected rate [Hz], 0 for any."""
+"""Topics that the runner subscribes to, in its order: name, and expected rate [Hz], 0 for any; those of health last."""
 
 
 class FlightState(IntEnum):
@@ -115,7 +102,7 @@ class Stage(IntEnum):
 
 STAGES = {
     "waiting": Stage.WAITING, "driving": Stage.DRIVING, "holding": Stage.HOLDING,
-    "forcing the landing": Stage.LANDING, "released": Stage.RELEASED, "ending the course": Stage.ENDING,
+    "forcing the landing": Stage.LANDING, "released": Stage.RELEASED, "ending the mission": Stage.ENDING,
     "resting": Stage.RESTING,
 }  # fmt: skip
 """Text that the runner prints → stage."""
@@ -155,6 +142,14 @@ FAULTS = {
     "BAD_COMMAND": "a command is out of bounds",
     "LOW_BATTERY": "the battery is low",
     "STRAINED": "a joint is too far from its command",
+    "VOLTAGE_LOW": "the battery's voltage is low",
+    "VOLTAGE_CRITICAL": "the battery's voltage is critical",
+    "SERVO_HOT": "a servo is too hot",
+    "SERVO_LOADED": "a servo is loaded too much for too long",
+    "SERVO_ERROR": "a servo reports an error",
+    "MOTOR_LIMIT": "a motor's output is at its limit for too long",
+    "HEALTH_STALE": "a message about the robot's health is stale",
+    "HEALTH_INVALID": "a value of the robot's health is not finite or out of range",
 }
 """Faults, and the runner's message for each."""
 
@@ -173,6 +168,7 @@ ENUMERATIONS = (
     Enumeration("topic", "Topics that the runner subscribes to.", tuple(TOPICS), "TOPIC_", count="TOPICS"),
 )  # fmt: skip
 RUNNER_STRUCTS: Sequence[CStruct] = (
+    *HEALTH_STRUCTS,
     CStruct("form", "A form to fly to.", (
         ("start", "f8", (), "since the take-over [s]"),
         ("joint_target", "f8", (N_JOINTS,), "[rad]"),
@@ -217,8 +213,9 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("kind", "i4", (), "sp_mission_kind: a flight begins in HOVER, all others in ARM_ON"),
         ("odometry", "i4", (), "1: use the lab's estimate `uav/cog/odom`; 0: estimate from mocap and inertial unit"),
         ("residual", "i4", (), "1: use the exported policy"),
+        ("trim", "i4", (), "flight: 1: integrals begin from the rotor commands of the robot's own software; 0: empty"),
         ("form_count window_count move_count order_count heading_count excitation_count", "i4", (), ""),
-        ("has_goal", "i4", (), "course: whether it follows the map instead of orders"),
+        ("has_goal unused", "i4", (), "course: whether it follows the map instead of orders"),
         ("limits", "limits", (), ""),
         ("controller", "controller_config", (), ""),
         ("crawler", "crawler_config", (), ""),
@@ -277,6 +274,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("thrust", "f8", (N_ROTORS,), "last command of another node [N]"),
         ("odometry", "odometry", (), ""),
         ("measurement", "measurement", (), ""),
+        ("health", "health_input", (), ""),
         ("orders", "u1", (ORDER_TEXT,), "lines for the present course, zero-terminated; empty for none"),
     )),
     CStruct("loop_output", "Output of a tick of the runner.", (
@@ -308,6 +306,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
     CStruct("loop", "Memory of the runner.", (
         ("mission", "mission", (), ""),
         ("sense", "sense", (), ""),
+        ("health", "health", (), ""),
         ("flight", "flight", (), ""),
         ("crawl", "crawl", (), ""),
         ("manager", "manager", (), "course"),
@@ -325,7 +324,7 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
         ("trim", "f8", (6,), "hover wrench of the robot's own stack beyond the weight [N, Nm]"),
         ("left", "f8", (), "remaining share of the thrust at the start of the rest"),
         ("has_last stage fault landing has_trim finished", "i4", (), ""),
-        ("ending told", "i4", (), "sp_fault that ends a course; whether it had orders or, with a map, is at the goal"),
+        ("ending told", "i4", (), "sp_fault that ends the mission; course: whether it had orders or reached its goal"),
         ("by_map undecided", "i4", (), "whether the map is followed; ticks until the next decision"),
         ("aborted unused", "i4", (), "whether the excitations were ended"),
         ("reason", "u1", (REASON,), "why the last orders were refused"),
@@ -345,55 +344,3 @@ RUNNER_STRUCTS: Sequence[CStruct] = (
 def log_layouts() -> dict[str, np.dtype]:
     """Return the structs of the core, the runner and its logs as NumPy types, by name."""
     return dtypes(RUNNER_STRUCTS, core_layouts())
-
-
-def _header_lines() -> list[str]:
-    """Return the lines of spidar_runner.h without its digest."""
-    sizes = {
-        "MAX_FORMS": MAX_FORMS, "MAX_WINDOWS": MAX_WINDOWS, "MAX_MOVES": MAX_MOVES, "MAX_HEADINGS": MAX_HEADINGS,
-        "MAX_EXCITATIONS": MAX_EXCITATIONS, "NAMES": N_NAMES,
-        "ORDER_TEXT": ORDER_TEXT, "MOST_ORDERS": MOST_ORDERS, "REASON": REASON, "MAX_GATES": gates.MAX_GATES,
-        "DECIDE": DECIDE, "DIGEST": DIGEST, "NAME": NAME, "MOST_PRESETS": MOST_PRESETS,
-    }  # fmt: skip
-    bounds = {
-        "FIELD": FIELD, "LEAST_SPEED": SPEEDS[0], "MOST_SPEED": SPEEDS[1], "LEAST_HEIGHT": HEIGHTS[0],
-        "MOST_HEIGHT": HEIGHTS[1], "STEEPEST": STEEPEST,
-    }  # fmt: skip
-    lines = [define(name, value) for name, value in sizes.items()]
-    lines += [define(f"ORDER_{name}", value, "m, m/s or rad") for name, value in bounds.items()]
-    lines += [define(f"MAP_{name}", getattr(gates, name), "m") for name in ("ROOM", "REACH", "FARTHEST")]
-    lines += [define("MOST_EXCITATION", tuple(MOST_EXCITATION.values()), "rad, N")]
-    lines += [define("FASTEST_EXCITATION", FASTEST_EXCITATION, "Hz")]
-    lines += [f'#define SP_LOG_MAGIC "{MAGIC}"', ""]
-    lines += [line for each in ENUMERATIONS for line in enumeration(each)]
-    names, rates = zip(*TOPICS.values(), strict=True)
-    least, most, _ = zip(*(gates.POSSIBLE[kind] for kind in gates.KINDS), strict=True)
-    lines += [
-        "/* Names of the joints and of the gimbals. */",
-        *array("char *const", "SP_JOINT_NAMES", [f'"{name}"' for name in JOINT_NAMES]),
-        *array("char *const", "SP_GIMBAL_NAMES", [f'"{name}"' for name in GIMBAL_NAMES]),
-        "/* Name and expected rate [Hz], 0 for any, of each of sp_topic. */",
-        *array("char *const", "SP_TOPIC_NAMES", [f'"{name}"' for name in names]),
-        *array("double", "SP_TOPIC_RATES", rates),
-        "/* Text of each of sp_fault and sp_manager_phase. */",
-        *array("char *const", "SP_FAULT_WORDS", [f'"{words}"' for words in FAULTS.values()]),
-        *array("char *const", "SP_MANAGER_PHASE_WORDS", [f'"{phase}"' for phase in PHASES]),
-        "/* Name of each of sp_gate_kind, and its range of valid sizes [m], [rad]. */",
-        *array("char *const", "SP_GATE_WORDS", [f'"{kind}"' for kind in gates.KINDS]),
-        define("GATE_LEAST", least),
-        define("GATE_MOST", most),
-        "",
-    ]
-    lines += [line for each in RUNNER_STRUCTS for line in struct(each)]
-    return [*lines, f"static const sp_limits SP_LIMITS = {initializer(Limits())};"]
-
-
-def runner_hash() -> str:
-    """Return the digest of a compiled runner's interface: core, messages, structs, parameters' fields and sources."""
-    return interface_digest("\n".join([interface_hash(), fields_header(), *_header_lines()]).encode(), RUNNER)
-
-
-def runner_header() -> str:
-    """Return the text of spidar_runner.h."""
-    lines = [f'#define SP_RUNNER_INTERFACE "{runner_hash()}"', *_header_lines()]
-    return header("SPIDAR_RUNNER", "messages, topics and structs of the runner.", lines, ('"spidar_structs.h"',))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spidar_gym.onboard.health import HEALTH_TOPICS
 from spidar_gym.onboard.messages import Message
 from spidar_gym.onboard.runner_structs import FlightState
 
@@ -19,7 +20,8 @@ class Fault:
     doc: str
     """Description in one line."""
     reaction: str
-    """Specified reaction: `flies on`, `lands` (the runner commands it), or `board lands` (it receives no commands)."""
+    """Specified reaction: `flies on`, `ends` (the mission, the runner hovers), `lands` (the runner commands it), or
+    `board lands` (the board receives no commands)."""
     spoil: Callable[[Message, np.random.Generator], list[Message]] = lambda message, rng: [message]
     """Function that returns the messages that replace one of the robot while the fault lasts."""
     seconds: float = np.inf
@@ -32,6 +34,8 @@ class Fault:
     """Whether the runner's state estimate is not affected: the manager then ends a course in a controlled way."""
     only_course: bool = False
     """Whether the fault applies to courses only, not to a hover."""
+    lines: str = ""
+    """Lines that are added to the mission, for limits that would take long to be exceeded."""
 
 
 def _silence(*topics: str) -> Callable[[Message, np.random.Generator], list[Message]]:
@@ -77,6 +81,9 @@ def _shift(message: Message, rng: np.random.Generator) -> list[Message]:
 
 
 _POSES = ("mocap/pose", "uav/cog/odom")
+VOLTAGE, SERVOS, MOTORS = (name for name, _ in HEALTH_TOPICS.values())
+SHOCK = 0x10
+"""Error bit of an electrical shock [ROBOTIS]."""
 FAULTS: dict[str, Fault] = {
     "none": Fault("nothing", "flies on"),
     "pose_stops": Fault("motion capture falls silent", "lands", _silence(*_POSES)),
@@ -97,6 +104,16 @@ FAULTS: dict[str, Fault] = {
     "long_stall": Fault("the runner stalls for 700 ms", "board lands", process="long_stall"),
     "killed": Fault("the runner is killed", "board lands", process="kill"),
     "rotor_dies": Fault("an outer rotor thrusts no more", "flies on", process="rotor", only_course=True),
+    "voltage_low": Fault("the battery says 20.5 V", "ends", _set(VOLTAGE, "data", 20.5), sees=True),
+    "voltage_critical": Fault("the battery says 18 V", "lands", _set(VOLTAGE, "data", 18.0), lines="voltage 20 20\n"),
+    "voltage_nan": Fault("the battery's voltage is NaN", "ends", _set(VOLTAGE, "data", np.nan), sees=True),
+    "servo_hot": Fault("servos have 58 °C", "ends", _set(SERVOS, "temp", 58.0), sees=True),
+    "servo_loaded": Fault(
+        "servos are loaded to 98 % of stall", "ends", _set(SERVOS, "load", 216.0), sees=True, lines="servos 57 0.95 1\n"
+    ),
+    "servo_error": Fault("servos report an electrical shock", "lands", _set(SERVOS, "error", float(SHOCK)), sees=True),
+    "servos_stop": Fault("the states of the servos stop", "ends", _silence(SERVOS), sees=True),
+    "motor_limit": Fault("motors are at their limit", "ends", _set(MOTORS, "motor_value", 1840.0), sees=True),
     "master": Fault("the ROS master is killed", "flies on", process="master", ros=True),
 }
 """Faults by name."""
@@ -113,7 +130,7 @@ def course_reaction(name: str, phase: str) -> str:
     fault = FAULTS[name]
     if name == "rotor_dies":  # not reported to the runner: it flies with the remaining rotors until the tilt limit
         return "goes on or forced landing"
-    if fault.reaction != "lands":
+    if fault.reaction not in ("lands", "ends"):
         return {"flies on": "goes on"}.get(fault.reaction, fault.reaction)
     if name == "contended":
         return "forced landing"

@@ -4,20 +4,27 @@ import contextlib
 import select
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
 
 from spidar_gym.errors import InvalidValueError, SpidarError
+from spidar_gym.onboard.health import HEALTH_TOPICS, N_SERVOS
 from spidar_gym.onboard.messages import FEEDBACK, FORCE_LANDING, ORDERS, STATE_NAMES, Message
-from spidar_gym.onboard.runner_structs import ORDER_TEXT, TOPICS, Action, log_layouts, runner_hash
-from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS
+from spidar_gym.onboard.runner_header import runner_hash
+from spidar_gym.onboard.runner_structs import ORDER_TEXT, TOPICS, Action, log_layouts
+from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS
 from spidar_gym.robot.description import model_hash
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
 
 ODOMETRY_FIELDS = {"position_w": "position", "quat_wb": "quat", "velocity_w": "velocity", "omega_b": "omega"}
 """Members of the runner's odometry → their names in a message."""
+SERVO_MEMBERS = {
+    "servo_angle": "angle", "servo_temperature": "temp", "servo_load": "load", "servo_error": "error",
+}  # fmt: skip
+"""Members of the runner's health input → their names in a message."""
+HEALTH_NAMES = tuple(name for name, _ in HEALTH_TOPICS.values())
 PATIENCE = 10.0
 """Time limit for the runner to connect or to answer [s]."""
 
@@ -25,12 +32,15 @@ PATIENCE = 10.0
 class SocketLink:
     """Link in lock-step: the robot's clock is the only one, so that a run does not depend on the machine's speed."""
 
-    def __init__(self, *, model: str | None = None, names: tuple[str, ...] = STATE_NAMES) -> None:
+    def __init__(
+        self, *, model: str | None = None, names: tuple[str, ...] = STATE_NAMES, silent: Collection[str] = ()
+    ) -> None:
         """Listen on the loopback.
 
         Args:
             model: Hash of the model that the robot reports; the present one by default.
             names: Names of the robot's angles.
+            silent: Topics that the robot does not publish.
         """
         self._server = socket.create_server(("127.0.0.1", 0))
         self._server.settimeout(0.1)
@@ -43,7 +53,7 @@ class SocketLink:
             row[: len(name)] = list(name.encode())
         self._hello["name_count"] = len(names)
         rates = {topic.name: topic.rate for topic in FEEDBACK}
-        self._hello["rates"] = [rates[name] for name, _ in TOPICS.values()]
+        self._hello["rates"] = [0.0 if name in silent else rates[name] for name, _ in TOPICS.values()]
         self._input = np.zeros((), log_layouts()["loop_input"])
         self._poses: list[Message] = []
         self._imu: list[Message] = []
@@ -98,6 +108,8 @@ class SocketLink:
         self._peer, self._poses, self._imu, self._orders = peer, [], [], []
         self._input[...] = np.zeros((), self._input.dtype)
         self._input["flight_state"], self._input["flight_state_time"] = -1, -np.inf
+        for name in ("voltage_time", "servo_time", "motor_time"):
+            self._input["health"][name] = -np.inf
         self.answer = np.zeros((), self.answer.dtype)
 
     def publish(self, message: Message) -> None:
@@ -115,11 +127,10 @@ class SocketLink:
             m["joint_torque"] = np.asarray(values["effort"], float)[:N_JOINTS]
         elif message.topic == "flight_state":
             record["flight_state"], record["flight_state_time"] = values["data"], message.stamp
+        elif message.topic in HEALTH_NAMES:
+            self._publish_health(message)
         elif message.topic == "uav/cog/odom":
-            odometry = record["odometry"]
-            record["has_odometry"], odometry["time"] = 1, message.stamp
-            for field, name in ODOMETRY_FIELDS.items():
-                odometry[field] = values[name]
+            self._publish_odometry(message)
         elif message.topic == ORDERS.name:
             text = str(values["data"]).encode()
             if len(text) >= ORDER_TEXT:
@@ -127,6 +138,28 @@ class SocketLink:
             self._orders.append(text)
         elif message.topic == "four_axes/command":
             record["has_thrust"], record["thrust"] = 1, values["thrust"]
+
+    def _publish_odometry(self, message: Message) -> None:
+        odometry = self._input["odometry"]
+        self._input["has_odometry"], odometry["time"] = 1, message.stamp
+        for field, name in ODOMETRY_FIELDS.items():
+            odometry[field] = message.values[name]
+
+    def _publish_health(self, message: Message) -> None:
+        """Store a message about the robot's health, as the runner's link to ROS does."""
+        health, values = self._input["health"], message.values
+        if message.topic == "battery_voltage_status":
+            health["voltage_time"], health["voltage"] = message.stamp, values["data"]
+        elif message.topic == "motor_pwms":
+            outputs = np.asarray(values["motor_value"])
+            health["motor_time"], health["motor_count"] = message.stamp, len(outputs)
+            health["motor_output"][: len(outputs)] = outputs[:N_ROTORS]
+        else:
+            index = np.asarray(values["index"])
+            known = index < N_SERVOS
+            health["servo_time"], health["servo_count"] = message.stamp, int(known.sum())
+            for member, field in SERVO_MEMBERS.items():
+                health[member][index[known]] = np.asarray(values[field])[known]
 
     def tick(self, now: float) -> list[Message] | None:
         """Send the input; return the messages that the runner publishes, None if it is disconnected (see `parting`)."""

@@ -102,6 +102,19 @@ def hover_mission(preset: str = "as_flown", seconds: float = 10.0, *, odometry: 
     return Mission("hover", preset, "\n".join(lines), seconds)
 
 
+def first_flight_mission(preset: str = "first_flight", seconds: float = 40.0) -> Mission:
+    """Build the first flight: a hover in the form of the take-off, then form ①, with narrow limits and empty integrals.
+
+    Args:
+        preset: Controller preset.
+        seconds: Duration; in the second half the legs move to form ① [s].
+    """
+    controller_config(preset)
+    lines = [f"flight {preset}", "trim off", "tilt 0.4", "deviation 0.3", "fence -1.5 -1.5 -0.2 1.5 1.5 2"]
+    lines += [_form(0.5 * seconds, np.zeros(N_JOINTS)), f"end {seconds:g}", ""]
+    return Mission("first_flight", preset, "\n".join(lines), seconds)
+
+
 def bench_mission(seconds: float = 48.0) -> Mission:
     """Build the test of the joints on a stand: steps, then a chirp, of one joint after the other, all legs at once.
 

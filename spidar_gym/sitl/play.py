@@ -1,7 +1,7 @@
 """Run missions with the simulated robot: build the runner, run it, read its log."""
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,6 +77,8 @@ def play(
     fault: str | None = None,
     phase: str = "",
     robots: Randomization = NOT_SAMPLED,
+    robot: Callable[[int], Robot | None] = lambda seed: None,
+    silent: Collection[str] = (),
     runner: Path | None = None,
     log: Path | None = None,
     on_tick: Callable[[], object] = lambda: None,
@@ -90,6 +92,8 @@ def play(
         fault: Name of a fault, which begins 3 s after the take-over unless `phase` is given.
         phase: Phase of a course in which the fault begins.
         robots: Distribution of the robot, as for `make_robot`.
+        robot: Returns the robot of a seed instead, or None.
+        silent: Topics that this robot does not publish.
         runner: The runner's program; the one built from the present sources by default.
         log: File for the runner's log; a temporary one by default.
         on_tick: Called 40 times a second of the robot, for progress.
@@ -110,10 +114,17 @@ def play(
     runner, late = runner or build_for(link), []
     with scratch_folder() as scratch:
         text, written = scratch / "mission.txt", log or scratch / "run.log"
-        text.write_text(mission.text, encoding="utf-8")
+        lines = "" if injector is None else injector.fault.lines
+        text.write_text(mission.text + lines, encoding="utf-8")
         # In real time, repeat the run when the machine stalled: a simulation that pauses in mid-air is no valid test.
         for _ in range(TRIES):
-            session = Session(make_robot(mission, seed, robots), mission, copy.deepcopy(injector), on_tick)
+            session = Session(
+                robot(seed) or make_robot(mission, seed, robots),
+                mission,
+                copy.deepcopy(injector),
+                on_tick,
+                silent=silent,
+            )
             if link == "socket":
                 run = socket_session(session, runner, text, written)
             else:

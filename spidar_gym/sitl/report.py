@@ -257,6 +257,8 @@ def fault_figures(name: str, run: Run, log: RunnerLog) -> dict[str, Any]:
         happened = "lands"
     elif run.board:
         happened = "board lands"
+    elif (log.outputs["stage"] == Stage.ENDING).any():
+        happened = "ends"
     else:
         happened = "flies on" if after and after[-1].flight_state == FlightState.HOVER else "lost"
     specified = FAULTS[name]

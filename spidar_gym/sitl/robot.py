@@ -18,6 +18,7 @@ from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS, ROBO
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.sensors import IMU_POSITION_B
 from spidar_gym.sitl.board import Board
+from spidar_gym.sitl.health import Health, motors
 from spidar_gym.sitl.missions import HANGING
 from spidar_gym.sitl.stack import LANDING_FORM, Stack
 from spidar_gym.so3 import cross, euler_angles, quat_to_matrix
@@ -29,6 +30,8 @@ TICK = 5
 """Steps per tick of the flight stack: 40 Hz."""
 ODOMETRY = 2
 """Steps between two estimates of the flight stack: 100 Hz."""
+SERVOS, BATTERY = 4, 20
+"""Steps between two messages of the servos, 50 Hz, and of battery and motors, 10 Hz."""
 STAND = np.array([0.0, 0.0, 1.5])
 """Origin of the torso of a robot on a stand: hanging legs do not reach the floor [m] [chosen]."""
 SETPOINTS = {
@@ -67,6 +70,8 @@ class Robot:
             config = replace(config, actuators=replace(config.actuators, thrust_noise=0.0))
         self.plant = Plant(config)
         self.board, self.stack, self.model = Board(), Stack(crawls or on_stand), Model()
+        self.health = Health()
+        """Temperature and load of the servos."""
         form = HANGING if on_stand else lying_pose(gait or GaitConfig()) if crawls else LANDING_FORM
         place = STAND if on_stand else config.ground.R_wf @ np.array([0.0, 0.0, ROBOT.peg_depth])
         if on_stand:
@@ -171,10 +176,7 @@ class Robot:
             messages += self._odometry()
         if self.steps % TICK == 0:
             messages.append(Message("flight_state", self.time, {"data": self.flight_state}))
-        if self.steps % 20 == 0:
-            volts = voltage(self.plant.energy_wh, self.plant.power)
-            messages.append(Message("battery_voltage_status", self.time, {"data": float(volts)}))
-        return messages
+        return messages + self._health(measurement, thrust)
 
     def _decide(self) -> None:
         """Run a tick of the flight stack and pass its commands on."""
@@ -218,6 +220,19 @@ class Robot:
             effort = np.concatenate([m.joint_torque, np.zeros(2 * N_ROTORS)])
             values = {"name": STATE_NAMES, "position": position, "effort": effort}
             messages.append(Message("joint_states", m.encoder_time, values))
+        return messages
+
+    def _health(self, m: Measurement, thrust: np.ndarray) -> list[Message]:
+        """Return the messages about battery, servos and motors that are due after thrusts of the board [N]."""
+        messages, spent = [], float(self.plant.record["spent_wh"])
+        if self.steps % SERVOS == 0:
+            vectoring_torque = self.plant.data.actuator_force[N_ROTORS + N_JOINTS :].reshape(N_ROTORS, 2)
+            self.health.step(self.state.joint_torque, vectoring_torque, SERVOS * DT)
+            messages.append(self.health.servos(self.time, m.joint_position, m.vectoring))
+        if self.steps % BATTERY == 0:
+            volts = voltage(spent + self.plant.energy_wh, self.plant.power)
+            messages.append(Message("battery_voltage_status", self.time, {"data": float(np.float32(volts))}))
+            messages.append(motors(self.time, thrust, volts, armed=self.board.armed))
         return messages
 
     def _odometry(self) -> list[Message]:

@@ -2,9 +2,12 @@
 
 import importlib
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
-from spidar_gym.onboard.messages import COMMANDS, DEFINITIONS, FEEDBACK, ORDERS
+from spidar_gym.logs.topics import definition
+from spidar_gym.onboard.health import SERVO_FIELDS
+from spidar_gym.onboard.messages import COMMANDS, FEEDBACK, ORDERS
 
 KINDS = {topic.name: topic.kind for topic in (*FEEDBACK, *COMMANDS, ORDERS)}
 """Topic → ROS type."""
@@ -19,7 +22,7 @@ def message_types() -> dict[str, Any]:
     for kind in set(KINDS.values()):
         package, name = kind.split("/")
         if package == "spinal":
-            types[kind] = dynamic.generate_dynamic(kind, (DEFINITIONS / f"{name}.msg").read_text("utf-8"))[kind]
+            types[kind] = dynamic.generate_dynamic(kind, definition(kind))[kind]
         else:
             types[kind] = getattr(importlib.import_module(f"{package}.msg"), name)
     return types
@@ -48,6 +51,11 @@ def _fill_odometry(message: RosMessage, values: dict[str, Any]) -> None:
     twist.angular.x, twist.angular.y, twist.angular.z = values["omega"]
 
 
+def _fill_servos(message: RosMessage, values: dict[str, Any]) -> None:
+    rows = zip(*(values[name] for name in SERVO_FIELDS), strict=True)
+    message.servos = [SimpleNamespace(**dict(zip(SERVO_FIELDS, row, strict=True))) for row in rows]
+
+
 def _copy(field: str, key: str) -> Callable[[RosMessage, dict[str, Any]], None]:
     return lambda message, values: setattr(message, field, values[key])
 
@@ -62,6 +70,8 @@ FILL: dict[str, Callable[[Any, dict[str, Any]], None]] = {
     "std_msgs/String": _copy("data", "data"),
     "std_msgs/Empty": lambda message, values: None,
     "spinal/FourAxisCommand": _copy("base_thrust", "thrust"),
+    "spinal/ServoStates": _fill_servos,
+    "spinal/Pwms": _copy("motor_value", "motor_value"),
     "spinal/FlightConfigCmd": _copy("cmd", "cmd"),
 }
 """Type → function that writes values into a message."""

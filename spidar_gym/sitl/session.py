@@ -5,7 +5,7 @@ import signal
 import subprocess
 import threading
 import time as clock
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -158,8 +158,9 @@ class Session:
     """A robot, its operator, an optional fault, and the recorded rows."""
 
     def __init__(
-        self, robot: Robot, mission: Mission, injector: Injector | None, on_tick: Callable[[], object] = lambda: None
-    ) -> None:
+        self, robot: Robot, mission: Mission, injector: Injector | None, on_tick: Callable[[], object] = lambda: None,
+        *, silent: Collection[str] = (),
+    ) -> None:  # fmt: skip
         """Start a session with a robot in its present state.
 
         Args:
@@ -167,9 +168,11 @@ class Session:
             mission: Mission of the runner.
             injector: The fault, or None.
             on_tick: Called 40 times per simulated second, for progress.
+            silent: Topics that this robot does not publish.
         """
         self.robot, self.mission, self.injector, self._on_tick = robot, mission, injector, on_tick
-        self.run = Run()
+        self.run, self.silent = Run(), tuple(silent)
+        """Result, and topics that this robot does not publish."""
         self.phase, self.stage = PHASES[0], Stage.WAITING
         """Phase and stage that the runner last reported."""
         self._landing_asked = self._touched = self._rested = np.inf
@@ -195,7 +198,7 @@ class Session:
     def step(self) -> list[Message]:
         """Simulate 5 ms of the robot; return the messages that reach the runner."""
         robot, run = self.robot, self.run
-        messages = robot.step()
+        messages = [message for message in robot.step() if message.topic not in self.silent]
         self._hit = max(self._hit, robot.plant.hit)
         run.first_driven = min(run.first_driven, robot.first_driven)
         fault, driven = self.injector, robot.time > run.first_driven
@@ -243,7 +246,8 @@ class Session:
             return t > robot.stack.since + GIVE_BACK
         if t > min(run.first_driven, PATIENCE) + self.mission.seconds + PATIENCE:
             return True
-        if self.stage in (Stage.ENDING, Stage.RESTING) and run.landing_at == np.inf:  # it brings the robot to rest
+        ends = Stage.ENDING if self.mission.is_course else Stage.RESTING
+        if self.stage in (ends, Stage.RESTING) and run.landing_at == np.inf:  # it brings the robot to rest
             return t > self._rested + LANDED
         if run.landing_at == np.inf and t > run.fault_at + AFTER_FAULT:
             return True
@@ -260,7 +264,7 @@ def socket_session(
     session: Session, runner_path: Path, mission_path: Path, log: Path, *, link: SocketLink | None = None
 ) -> Run:  # fmt: skip
     """Run over the socket in lock-step, as fast as possible; a stalled runner receives no input."""
-    link = link or SocketLink()
+    link = link or SocketLink(silent=session.silent)
     command = [str(runner_path), "sim", link.place, str(mission_path), "--log", str(log)]
     runner = Runner(command)
     robot, asleep, answers = session.robot, 0.0, []

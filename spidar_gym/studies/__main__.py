@@ -31,6 +31,7 @@ from spidar_gym.studies import hops as hop_study
 from spidar_gym.studies import lost as lost_study
 from spidar_gym.studies import margins as margin_study
 from spidar_gym.studies import reality as reality_study
+from spidar_gym.studies import sagging as sagging_study
 from spidar_gym.studies import steps as step_study
 from spidar_gym.tasks.hover import RANGES
 from spidar_gym.text import format_table
@@ -462,6 +463,35 @@ def energy(
         table=lambda found: format_table(energies.energy_lines(found)),
     )  # fmt: skip
     drawn("figure", lambda: viz.energy_figure(rows, folder / "energy.png"))
+
+
+@app.command
+def sagging(
+    payloads: tuple[float, ...] = sagging_study.PAYLOADS,
+    robots: int = 4,
+    out: Path = Path("out/sagging"),
+    workers: int = cpu_count(),
+    json: JsonArg = False,
+) -> None:
+    """Fly fast with a nearly empty battery, with λ̄ that follows the voltage and without; resumable.
+
+    Args:
+        payloads: Masses that the torso carries [kg].
+        robots: Number of robots for each; a course takes about ten seconds of CPU time.
+        out: Folder for sagging.json.
+        workers: Number of processes.
+    """
+    require_least(1, robots=robots, workers=workers)
+    chosen = _distinct("payloads", payloads)
+    for payload in chosen:
+        require_within(0.0, 10.0, "kg", payloads=payload)
+    studied(
+        output_folder(out), "sagging", "course", len(sagging_study.sagging_courses(chosen, robots)), json=json,
+        play=lambda unfinished, on_course: sagging_study.sagging_study(
+            chosen, robots, workers=workers, folder=unfinished, on_course=on_course
+        ),
+        table=lambda rows: format_table(sagging_study.sagging_lines(rows)),
+    )  # fmt: skip
 
 
 def main(arguments: list[str] | None = None) -> None:

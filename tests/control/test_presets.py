@@ -50,6 +50,16 @@ def test_every_preset_of_a_rigid_robot_keeps_the_margins_of_gain_delay_and_sensi
     assert shortfall(loops(controller_config(preset))) == 0.0
 
 
+def test_the_first_flight_has_less_bandwidth_and_larger_margins_than_the_paper_on_every_axis():
+    first, paper = loops(controller_config("first_flight")), loops(controller_config("paper"))
+    assert [round(m.crossover, 1) for m in first] == [2.6, 2.5, 3.9, 3.6]  # docs/onboard/first_flight.md
+    assert [round(m.crossover, 1) for m in paper] == [4.1, 2.8, 5.6, 5.3]
+    for one, other in zip(first, paper, strict=True):
+        assert one.crossover < other.crossover
+        assert (one.gain > other.gain, one.phase > other.phase, one.delay > other.delay) == (True, True, True)
+    assert controller_config("first_flight").joint_speed == 0.5 * ROBOT.joint_speed
+
+
 def test_fields_of_a_preset_can_be_changed_and_the_preset_stays():
     assert replace(controller_config("tuned"), joint_speed=0.7).joint_speed == 0.7
     assert controller_config("tuned") == PRESETS["tuned"]

@@ -21,7 +21,8 @@ from spidar_gym.native.recipe import FLAGS, GENERATED, NATIVE
 from spidar_gym.onboard import export as exporting
 from spidar_gym.onboard.build import arguments
 from spidar_gym.onboard.export import export, export_files
-from spidar_gym.onboard.runner_structs import log_layouts, runner_hash
+from spidar_gym.onboard.runner_header import runner_hash
+from spidar_gym.onboard.runner_structs import log_layouts
 from spidar_gym.robot import FORMS, ROBOT
 from spidar_gym.sim import worlds
 from spidar_gym.state import RobotState

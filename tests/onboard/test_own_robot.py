@@ -13,7 +13,7 @@ from spidar_gym.cli.main import main
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.onboard.export import export_files
 from spidar_gym.onboard.parameters import digest_of
-from spidar_gym.onboard.runner_structs import runner_hash
+from spidar_gym.onboard.runner_header import runner_hash
 from spidar_gym.robot.description import model_hash
 
 pytestmark = needs_compiler

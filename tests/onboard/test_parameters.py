@@ -31,7 +31,8 @@ from spidar_gym.onboard.parameters import (
     parameters_text,
     read_parameters,
 )
-from spidar_gym.onboard.runner_structs import log_layouts, runner_hash
+from spidar_gym.onboard.runner_header import runner_hash
+from spidar_gym.onboard.runner_structs import log_layouts
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.description import model_hash
 from spidar_gym.sitl.link_socket import SocketLink

@@ -8,8 +8,9 @@ import pytest
 from support.needs import needs_compiler
 from support.runner import compile_, export, said
 
-from spidar_gym.onboard import runner_structs
-from spidar_gym.onboard.runner_structs import RUNNER, RUNNER_STRUCTS, runner_hash
+from spidar_gym.onboard import runner_header
+from spidar_gym.onboard.runner_header import runner_hash
+from spidar_gym.onboard.runner_structs import RUNNER, RUNNER_STRUCTS
 from spidar_gym.sitl.link_socket import SocketLink
 
 pytestmark = needs_compiler
@@ -27,16 +28,16 @@ def lengthened(*names):
 @pytest.mark.parametrize("struct", RUNNER_STRUCTS, ids=lambda struct: struct.name)
 def test_a_member_more_in_a_struct_of_the_runner_is_another_interface(monkeypatch, struct):
     before = runner_hash()
-    monkeypatch.setattr(runner_structs, "RUNNER_STRUCTS", lengthened(struct.name))
+    monkeypatch.setattr(runner_header, "RUNNER_STRUCTS", lengthened(struct.name))
     assert runner_hash() != before
 
 
 def test_another_source_of_the_runner_or_another_word_is_another_interface(monkeypatch, tmp_path):
     found = {runner_hash()}
-    monkeypatch.setattr(runner_structs, "TOPICS", {**runner_structs.TOPICS, "joints": ("joint_states", 51.0)})
+    monkeypatch.setattr(runner_header, "TOPICS", {**runner_header.TOPICS, "joints": ("joint_states", 51.0)})
     found.add(runner_hash())
     shutil.copytree(RUNNER, tmp_path / "runner")
-    monkeypatch.setattr(runner_structs, "RUNNER", tmp_path / "runner")
+    monkeypatch.setattr(runner_header, "RUNNER", tmp_path / "runner")
     found.add(runner_hash())
     for name in ("loop.c", "runner.h", "ros1.cpp"):
         with (tmp_path / "runner" / name).open("a") as file:
@@ -50,7 +51,7 @@ def other(tmp_path_factory):
     """Compile a runner whose greeting and answer have an additional member."""
     folder = tmp_path_factory.mktemp("other") / "onboard"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner_structs, "RUNNER_STRUCTS", lengthened("sim_hello", "loop_output"))
+        patch.setattr(runner_header, "RUNNER_STRUCTS", lengthened("sim_hello", "loop_output"))
         export(folder)
     return compile_(folder, folder.parent / "runner", "-O0")
 

@@ -12,7 +12,8 @@ from spidar_gym.native.compiler import compiler
 from spidar_gym.native.core_structs import CORE_STRUCTS, core_layouts
 from spidar_gym.native.structs import WORDS, border_structs
 from spidar_gym.onboard import runner_structs
-from spidar_gym.onboard.runner_structs import RUNNER_STRUCTS, log_layouts, runner_header
+from spidar_gym.onboard.runner_header import runner_header
+from spidar_gym.onboard.runner_structs import RUNNER_STRUCTS, log_layouts
 
 pytestmark = needs_compiler
 STRUCTS = (*border_structs(), *CORE_STRUCTS, *RUNNER_STRUCTS)

@@ -16,7 +16,8 @@ from spidar_gym.native.constants import ONBOARD_ITERATIONS
 from spidar_gym.native.structs import fill
 from spidar_gym.onboard.export import EVERY
 from spidar_gym.onboard.parameters import digest_of, parameters_record, parameters_text
-from spidar_gym.onboard.runner_structs import log_layouts, runner_hash
+from spidar_gym.onboard.runner_header import runner_hash
+from spidar_gym.onboard.runner_structs import log_layouts
 from spidar_gym.robot import ROBOT
 from spidar_gym.robot.description import model_hash
 from spidar_gym.sitl.link_socket import SocketLink

@@ -69,7 +69,8 @@ def lengthened(log, path, count):
     later = np.repeat(np.arange(-(-count // len(once))), len(once))[:count] * len(once) / CONTROL_RATE
     inputs, outputs, m = ticks["input"], ticks["output"], ticks["input"]["measurement"]
     for record, names in ((inputs, ("time", "flight_state_time")), (m, ("time", "encoder_time")),
-                          (inputs["odometry"], ("time",))):  # fmt: skip
+                          (inputs["odometry"], ("time",)),
+                          (inputs["health"], ("voltage_time", "servo_time", "motor_time"))):  # fmt: skip
         for name in names:
             record[name] += later
     for name in ("pose_time", "imu_time"):

@@ -139,8 +139,8 @@ def test_a_search_on_other_robots_flies_these_and_holds_their_margins(tmp_path):
     assert env.reset(seed=drawn["flight-calibrated"][1].seed)[1]["randomization"]["actuators.joint_kd"] == 2.0
     with pytest.raises(InvalidValueError, match="steady, steady_crawl"):
         tuning.tune("retuned", tmp_path / "out", generations=1, robots=str(path), **BUDGET)
+    path.write_text('"body.total_mass" = [16.0, 16.0]')
     with pytest.raises(InvalidValueError, match="calibrated world"):
-        path.write_text('"body.total_mass" = [16.0, 16.0]')
         draw_scenarios("steady", 0, 0, 1, str(path))
 
 

@@ -186,7 +186,7 @@ class Allocator:
             forces = np.where(demand.lost[:, None], 0.0, forces)  # the rows hold only up to rounding
         norms = [math.sqrt(x * x + y * y + z * z) for x, y, z in forces.tolist()]
         thrust = np.array(norms)
-        most = demand.robot.max_thrust
+        most = demand.max_thrust
         if max(norms) > most:
             forces = forces * np.minimum(1.0, most / np.maximum(thrust, LEAST_NORM))[:, None]
             thrust = np.minimum(thrust, most)
@@ -229,7 +229,7 @@ class Allocator:
                 x, status = y if x is None else x, AllocationStatus.SOLVED
             if infeasible:
                 break
-        within = x is not None and _largest_thrust(x) <= 1.0 + SPHERE_TOLERANCE
+        within = x is not None and _largest_thrust(x) <= program.radius + SPHERE_TOLERANCE
         return Optimum(x, status if within else AllocationStatus.PROJECTED, iterations)
 
     def _within_spheres(self, mode: Mode, program: QuadraticProgram, cube: Optimum) -> Optimum:
@@ -237,7 +237,9 @@ class Allocator:
         x, steps = sphere_optimum(program)
         iterations = cube.iterations + steps
         if x is not None:
-            missed = cube.x is None and _largest_thrust(x) < 1.0 - SIDE_TOLERANCE  # then it is also the cube's optimum
+            missed = (
+                cube.x is None and _largest_thrust(x) < program.radius - SIDE_TOLERANCE
+            )  # then it is also the cube's optimum
             return Optimum(x, AllocationStatus.SOLVED if missed else AllocationStatus.PROJECTED, iterations)
         if cube.x is None:
             soft = soften(program, mode.soft_rows, price=self.config.price)
@@ -247,7 +249,7 @@ class Allocator:
             if exact is not None:
                 y = exact
             found = exact is not None or (solved and soft.violation(y) <= self.config.check_tolerance)
-            if found and _largest_thrust(y) <= 1.0 + SPHERE_TOLERANCE:
+            if found and _largest_thrust(y) <= program.radius + SPHERE_TOLERANCE:
                 slack = float(np.abs(y[mode.size :]).max())
                 return Optimum(y[: mode.size], AllocationStatus.SOFTENED, iterations, slack)
         x, steps = sphere_optimum(program, mode.soft_rows, self.config.price)
@@ -257,7 +259,7 @@ class Allocator:
     def _hold(self, demand: Demand, previous_l: RotorForces, iterations: int, start: float) -> Allocation:
         """Hold the previous forces, clipped to the spheres; foot forces are set to zero."""
         feet = demand.thrust_map.shape[1] - N_FORCES
-        held = np.concatenate((_bounded(previous_l, demand.robot.max_thrust).reshape(-1), np.zeros(feet)))
+        held = np.concatenate((_bounded(previous_l, demand.max_thrust).reshape(-1), np.zeros(feet)))
         unmet = np.abs(demand.wrench - demand.thrust_map @ held).max() / demand.robot.weight
         slack = float(unmet) if np.isfinite(unmet) else INFINITY
         return self._answer(demand, held, AllocationStatus.HELD, iterations, slack, start)

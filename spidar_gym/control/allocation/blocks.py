@@ -85,7 +85,7 @@ class ThrustBox(Constraint):
         """24 bounds, one for each unknown; zero for the rotors that are lost."""
         A.reshape(-1)[:: A.shape[1] + 1] = 1.0
         unit = demand.robot.max_thrust
-        limit = self.limit if math.isfinite(self.limit) else unit
+        limit = min(self.limit if math.isfinite(self.limit) else unit, demand.thrust_limit)
         u[:] = limit / unit
         l[:] = -limit / unit
         if demand.lost.any():

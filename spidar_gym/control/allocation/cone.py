@@ -1,8 +1,8 @@
 """Primal-dual interior-point method: finds the optimum within the thrust spheres, or proves that there is none.
 
 A pure function of the program: no state, a fixed start, a bounded number of steps. Every inequality is g(x) + s = c z
-with s, z ≥ 0 and s z → 0, where g is a x − u or l − a x for the side of a row and ½ (‖f_i‖² − 1) for a sphere. A row
-with a compliance c > 0 may be violated by c z. Equalities are the same without s.
+with s, z ≥ 0 and s z → 0, where g is a x − u or l − a x for the side of a row and ½ (‖f_i‖² − r²) for a sphere of the
+program's radius r. A row with a compliance c > 0 may be violated by c z. Equalities are the same without s.
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ _FORCE, _ROTOR = np.arange(N_FORCES), np.arange(N_FORCES) // 3
 def sphere_optimum(
     program: QuadraticProgram, soft: np.ndarray = _NO_ROWS, price: float = 1.0
 ) -> tuple[np.ndarray | None, int]:
-    """Solve a program whose rotor forces must also stay within the spheres ‖f_i‖ ≤ λ̄.
+    """Solve a program whose rotor forces must also stay within the spheres ‖f_i‖ ≤ r.
 
     Args:
         program: The program; its first 24 unknowns are the rotor forces in units of λ̄.
@@ -44,7 +44,9 @@ def sphere_optimum(
     """
     l, u, hard = program.l, program.u, np.ones(len(program.l), bool)
     hard[soft] = False
-    far = _reach(program.A)  # bounds that no forces within the spheres can reach are idle, such as the cube's
+    far = _reach(
+        program.A, program.radius
+    )  # bounds that no forces within the spheres can reach are idle, such as the cube's
     if ((l > far) | (u < -far))[hard].any():
         return None, 0
     equal, upper, lower = (np.flatnonzero(side) for side in (l == u, (l != u) & (u < far), (l != u) & (-l < far)))
@@ -65,7 +67,7 @@ def sphere_optimum(
     for step in range(MAX_STEPS):
         f = x[:N_FORCES].reshape(N_ROTORS, 3)
         g[:rows] = G @ x - h
-        g[rows:] = 0.5 * (np.einsum("ij,ij->i", f, f) - 1.0)
+        g[rows:] = 0.5 * (np.einsum("ij,ij->i", f, f) - program.radius**2)
         J[rows + _ROTOR, _FORCE] = x[:N_FORCES]
         pull = E.T @ y + G.T @ z[:rows]
         gradient = P @ x + q + pull + J[rows:].T @ z[rows:]
@@ -76,8 +78,8 @@ def sphere_optimum(
             best, found = left, x
         if best < 1.0 or not left < INFINITY:
             break
-        # Farkas: a feasible x satisfies pull·x ≤ b·y + h·z; but within the spheres pull·x ≥ −Σ ‖pull_i‖.
-        proof = b @ y + h @ z[:rows] + _reach(pull[None])[0]
+        # Farkas: a feasible x satisfies pull·x ≤ b·y + h·z; but within the spheres pull·x ≥ −r Σ ‖pull_i‖.
+        proof = b @ y + h @ z[:rows] + _reach(pull[None], program.radius)[0]
         if hard.all() and proof < -PROOF * (np.abs(y).sum() + z[:rows].sum()):
             return None, step
         D = 1.0 / (s / z + c)
@@ -101,7 +103,9 @@ def sphere_optimum(
     return found, step
 
 
-def _reach(A: np.ndarray) -> np.ndarray:
-    """Compute Σ ‖a_i‖ of each row, shape (m,): the largest |a x| of forces within the spheres."""
+def _reach(A: np.ndarray, radius: float) -> np.ndarray:
+    """Compute r Σ ‖a_i‖ of each row, shape (m,): the largest |a x| of forces within the spheres."""
     blocks = A[:, :N_FORCES].reshape(len(A), N_ROTORS, 3)
-    return np.sqrt(np.einsum("rij,rij->ri", blocks, blocks)).sum(axis=1) + FAR * np.abs(A[:, N_FORCES:]).sum(axis=1)
+    return radius * np.sqrt(np.einsum("rij,rij->ri", blocks, blocks)).sum(axis=1) + FAR * np.abs(A[:, N_FORCES:]).sum(
+        axis=1
+    )

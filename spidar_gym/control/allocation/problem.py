@@ -6,6 +6,7 @@ physical units of the robot (wrench / mΣ g, torque / τ̄_q), because the accur
 on scaling, and because the solver's own scaling would make a tick depend on the previous one.
 """
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -68,8 +69,15 @@ class Demand:
     """Rotation from floor axes to torso axes."""
     effort: RotorVector = field(default_factory=lambda: _ALIKE)
     """Weight of each rotor's ‖f‖² in the power cost."""
+    thrust_limit: float = math.inf
+    """λ̄ at the present voltage of the battery where it is below the robot's [N]."""
     robot: RobotSpec = ROBOT
     """The robot; its limits are the units of unknowns and rows, and default bounds of the blocks."""
+
+    @property
+    def max_thrust(self) -> float:
+        """λ̄ of this tick [N]: the robot's, or less where the battery's voltage limits it."""
+        return min(self.robot.max_thrust, self.thrust_limit)
 
 
 _ROTORS, _JOINTS = np.zeros(N_ROTORS), np.zeros(N_JOINTS)
@@ -121,6 +129,8 @@ class QuadraticProgram:
     """Lower bounds."""
     u: Float[np.ndarray, " m"]
     """Upper bounds."""
+    radius: float = 1.0
+    """Radius r of the thrust spheres ‖f_i‖ ≤ r, in units of λ̄."""
 
     def objective(self, x: Float[np.ndarray, " n"]) -> float:
         """Compute the value at x."""
@@ -210,7 +220,7 @@ def assemble(mode: Mode, demand: Demand) -> QuadraticProgram:
         cost.add(demand, P, q)
     for block, rows in constraints:
         block.write(demand, A[rows], l[rows], u[rows])
-    return QuadraticProgram(P, q, A, l, u)
+    return QuadraticProgram(P, q, A, l, u, min(1.0, demand.thrust_limit / demand.robot.max_thrust))
 
 
 def soften(program: QuadraticProgram, rows: np.ndarray, *, price: float) -> QuadraticProgram:
@@ -222,4 +232,4 @@ def soften(program: QuadraticProgram, rows: np.ndarray, *, price: float) -> Quad
     A = np.zeros((m, n + k))
     A[:, :n] = program.A
     A[rows, range(n, n + k)] = 1.0
-    return QuadraticProgram(P, np.concatenate([program.q, np.zeros(k)]), A, program.l, program.u)
+    return QuadraticProgram(P, np.concatenate([program.q, np.zeros(k)]), A, program.l, program.u, program.radius)

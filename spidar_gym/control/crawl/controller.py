@@ -165,9 +165,9 @@ class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
             forces = forces + gap * force_gap
         thrust = np.sqrt(np.einsum("ij,ij->i", forces, forces))
         robot = self.model.robot
-        if thrust.max() > robot.max_thrust:
-            forces = forces * np.minimum(1.0, robot.max_thrust / np.maximum(thrust, LEAST_NORM))[:, None]
-            thrust = np.minimum(thrust, robot.max_thrust)
+        if thrust.max() > demand.max_thrust:
+            forces = forces * np.minimum(1.0, demand.max_thrust / np.maximum(thrust, LEAST_NORM))[:, None]
+            thrust = np.minimum(thrust, demand.max_thrust)
         vectoring = rate_limit_vectoring(forces, lock, memory.vectoring, robot.max_vectoring_speed * self.dt)
         joints = plan + config.feed_forward / robot.joint_kp * torque + residual.joint_offset
         if config.setpoint_filter > 0.0:
@@ -241,7 +241,7 @@ class Crawler(ReadableController[CrawlMemory, CrawlRecord]):
             wrench=wrench, thrust_map=Q, torque_map=T, gravity_torque=gravity, locked=lock.active, phi=lock.phi,
             restricted=ALL_FREE, lower=np.zeros(N_ROTORS), upper=np.zeros(N_ROTORS),
             lost=~lifted[_ROTOR_LEG] if mode == "leg" else ALL_FREE, lifted=lifted, com_b=snapshot.com_b, R_bf=R_bf,
-            effort=memory.effort, robot=snapshot.robot,
+            effort=memory.effort, thrust_limit=self.thrust_limit, robot=snapshot.robot,
         )  # fmt: skip
         return demand, lock
 

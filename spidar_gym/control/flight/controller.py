@@ -377,7 +377,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         return flight_demand(
             memory, self.allocator.mode(reference.mode), snapshot, vectoring, wrench,
             lost_thrust=reference.lost_thrust, lost_vectoring=reference.lost_vectoring,
-            interference_config=self.config.interference, lock_config=self.config.lock,
+            interference_config=self.config.interference, lock_config=self.config.lock, thrust_limit=self.thrust_limit,
         )  # fmt: skip
 
     def compute_joints(self, target: JointVector, speed_scale: float) -> tuple[JointVector, JointVector]:

@@ -36,6 +36,8 @@ class Margins:
     """Largest |1 / (1 + L)|; its inverse is the distance of L from −1."""
     noise: float
     """Commanded acceleration per white noise of the rate, RMS over RMS: a measure of the rotors' activity [1/s]."""
+    crossover: float
+    """Frequency at which the loop's gain falls below 1, its bandwidth [rad/s]; 0 for an unstable loop."""
 
 
 def loop(
@@ -80,7 +82,7 @@ def margins_of(L: np.ndarray, of_rate: np.ndarray, *, rate_hz: float) -> Margins
     crossing = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))
     turning = np.flatnonzero(np.diff(np.sign(angle + np.pi)) != 0)
     if len(crossing) != 1 or angle[crossing[0]] <= -np.pi:
-        return Margins(0.0, 0.0, 0.0, float("inf"), float("inf"))
+        return Margins(0.0, 0.0, 0.0, float("inf"), float("inf"), 0.0)
     k = crossing[0]
     phase = float(angle[k] + np.pi)
     above = turning[turning > k]
@@ -90,6 +92,7 @@ def margins_of(L: np.ndarray, of_rate: np.ndarray, *, rate_hz: float) -> Margins
         delay=phase / float(omega[k]),
         sensitivity=float(np.abs(1.0 / (1.0 + L)).max()),
         noise=_noise(of_rate / (1.0 + L), np.pi * rate_hz),
+        crossover=float(omega[k]),
     )
 
 

@@ -422,7 +422,8 @@ class Manager(Orders):
         slew, before = self.config.most_slew, memory.thrust
         share = min(max(total, before - slew), before + slew) / total
         self.flight.note_scaled(share)
-        return replace(command, thrust=np.minimum(self.model.robot.max_thrust, command.thrust * share))
+        most = min(self.model.robot.max_thrust, self.flight.thrust_limit)
+        return replace(command, thrust=np.minimum(most, command.thrust * share))
 
 
 def _inverse_ease(share: float) -> float:

@@ -49,22 +49,22 @@ static int finite_program(const sp_program *p)
            sp_finite(p->l, p->m) && sp_finite(p->u, p->m);
 }
 
-/* Shorten a rotor's force to the thrust sphere; returns its thrust. */
-double sp_limit_thrust(const sp_robot *robot, double *force)
+/* Shorten a rotor's force to a thrust sphere [N]; returns its thrust. */
+double sp_limit_thrust(double most, double *force)
 {
     double thrust = sp_norm(force);
-    if (!(thrust > robot->max_thrust)) return thrust;
-    for (int k = 0; k < 3; k++) force[k] *= robot->max_thrust / thrust;
-    return robot->max_thrust;
+    if (!(thrust > most)) return thrust;
+    for (int k = 0; k < 3; k++) force[k] *= most / thrust;
+    return most;
 }
 
 /* Replace entries of the forces that are not finite by 0, and shorten each force to the thrust sphere. */
-static void within_sphere(const sp_robot *robot, const double *forces_l, double *held)
+static void within_sphere(double most, const double *forces_l, double *held)
 {
     for (int i = 0; i < SP_ROTORS; i++) {
         double f[3];
         for (int k = 0; k < 3; k++) f[k] = sp_finite(forces_l + 3 * i + k, 1) ? forces_l[3 * i + k] : 0.0;
-        sp_limit_thrust(robot, f);
+        sp_limit_thrust(most, f);
         sp_copy(held + 3 * i, f, 3);
     }
 }
@@ -73,12 +73,12 @@ static void within_sphere(const sp_robot *robot, const double *forces_l, double 
 static void answer(const sp_robot *robot, const sp_mode *mode, const sp_demand *d, const double *f, sp_allocation *a)
 {
     int n = mode->n;
-    double all[SP_UNKNOWNS];
+    double all[SP_UNKNOWNS], most = sp_min(robot->max_thrust, d->thrust_limit);
     sp_copy(all, f, n);
     for (int i = 0; i < SP_ROTORS; i++) {
         double *own = all + 3 * i;
         if (d->lost[i]) sp_zero(own, 3);
-        a->thrust[i] = sp_limit_thrust(robot, own);
+        a->thrust[i] = sp_limit_thrust(most, own);
     }
     sp_copy(a->forces_l, all, SP_FORCES);
     sp_zero(a->foot_forces_f, 3 * SP_LEGS);
@@ -96,7 +96,7 @@ static void hold_forces(const sp_robot *robot, const sp_mode *mode, const sp_dem
 {
     double held[SP_UNKNOWNS], unmet = 0.0;
     sp_zero(held, SP_UNKNOWNS);
-    within_sphere(robot, previous_l, held);
+    within_sphere(sp_min(robot->max_thrust, d->thrust_limit), previous_l, held);
     a->status = SP_HELD;
     answer(robot, mode, d, held, a);
     for (int r = 0; r < 6; r++) {
@@ -149,7 +149,7 @@ static int cube_optimum(const sp_mode *mode, const sp_program *p, const int32_t 
         if (solved) a->status = SP_SOLVED, found = 1;
         if (result == -1) break;
     }
-    if (!found || !(largest_thrust(x) <= 1.0 + SP_SPHERE_TOLERANCE)) a->status = SP_PROJECTED;
+    if (!found || !(largest_thrust(x) <= p->radius + SP_SPHERE_TOLERANCE)) a->status = SP_PROJECTED;
     return found;
 }
 
@@ -164,7 +164,7 @@ static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, co
     int32_t rows[SP_MAX_M];
     int found = sp_sphere_optimum(p, NULL, 0, 1.0, work, x, &a->iterations);
     if (found) {
-        if (!cube && largest_thrust(x) < 1.0 - SP_SIDE_TOLERANCE) a->status = SP_SOLVED; /* the spheres are inactive */
+        if (!cube && largest_thrust(x) < p->radius - SP_SIDE_TOLERANCE) a->status = SP_SOLVED; /* the spheres are inactive */
         return 1;
     }
     int count = sp_soft_rows(mode, rows);
@@ -176,7 +176,7 @@ static int within_spheres(const sp_mode *mode, const sp_program *p, int cube, co
         int result = solve(mode->kind, 1, soft, SP_RHO, config, room, x, duals, &a->iterations);
         found = sp_closed_form(soft, duals, SP_MORE_ROUNDS, work, x) ||
                 (result == 1 && sp_violation(soft, x) <= config->check_tolerance);
-        if (found && largest_thrust(x) <= 1.0 + SP_SPHERE_TOLERANCE) {
+        if (found && largest_thrust(x) <= p->radius + SP_SPHERE_TOLERANCE) {
             for (int k = p->n; k < soft->n; k++) a->slack = sp_max(a->slack, fabs(x[k]));
             return 1;
         }

@@ -1,7 +1,7 @@
 /* Optimum within the thrust spheres, or a proof of infeasibility: a primal-dual interior-point method.
  *
  * No state, a fixed start, a bounded number of steps. Every inequality is g(x) + s = c z with s, z ≥ 0 and s z → 0.
- * Here g is a x − u or l − a x for a side of a row, and ½ (‖f_i‖² − 1) for a sphere. A row with a compliance c > 0
+ * Here g is a x − u or l − a x for a side of a row, and ½ (‖f_i‖² − r²) for a sphere of the program's radius r. A row with a compliance c > 0
  * yields by c z. Equalities have no s.
  */
 #include "spidar_core.h"
@@ -13,11 +13,11 @@ static void axpy(double w, const double *a, int n, double *y)
     for (int k = 0; k < n; k++) y[k] += w * a[k];
 }
 
-/* Bound Σ ‖a_i‖ on |a x| for forces within the spheres. */
-static double row_bound(const double *a, int n)
+/* Bound r Σ ‖a_i‖ on |a x| for forces within the spheres. */
+static double row_bound(const double *a, int n, double radius)
 {
     double sum = 0.0;
-    for (int i = 0; i < SP_ROTORS; i++) sum += sp_norm(a + 3 * i);
+    for (int i = 0; i < SP_ROTORS; i++) sum += radius * sp_norm(a + 3 * i);
     for (int k = SP_FORCES; k < n; k++) sum += SP_CONE_FAR * fabs(a[k]);
     return sum;
 }
@@ -63,7 +63,7 @@ static int find_sides(const sp_program *p, const int32_t *soft, int count, doubl
     c->largest = 1.0;
     for (int side = 0; side < 2; side++)
         for (int i = 0; i < p->m; i++) {
-            double far = row_bound(p->A + i * p->n, p->n), bound = side ? -p->l[i] : p->u[i];
+            double far = row_bound(p->A + i * p->n, p->n, p->radius), bound = side ? -p->l[i] : p->u[i];
             int same = p->l[i] == p->u[i];
             if (give[i] == 0.0 && bound < -far) return 0;
             if (same ? side : !(bound < far)) continue;
@@ -126,7 +126,7 @@ static void write_matrix(const sp_program *p, const sp_cone *c, double unit, dou
     }
 }
 
-/* Find the optimum x of a program with the additional constraints ‖f_i‖ ≤ λ̄; returns 0 if the program is infeasible
+/* Find the optimum x of a program with the additional constraints ‖f_i‖ ≤ r; returns 0 if the program is infeasible
  * or no optimum was found. Each of the `soft` rows may be violated by v at the cost ½ `price` v². The number of Newton
  * steps is added to `steps`.
  */
@@ -161,7 +161,7 @@ int sp_sphere_optimum(const sp_program *p, const int32_t *soft, int count, doubl
         }
         for (int k = 0; k < all; k++) {
             double g = side_along(p, c, k, c->x, c->x);
-            g = k < sides ? g - c->h[k] : 0.5 * (g - 1.0);
+            g = k < sides ? g - c->h[k] : 0.5 * (g - p->radius * p->radius);
             c->miss[k] = g + c->s[k] - c->give[k] * c->z[k];
             worst = sp_max(worst, fabs(c->miss[k]));
             mean += c->s[k] * c->z[k] / all;
@@ -180,8 +180,8 @@ int sp_sphere_optimum(const sp_program *p, const int32_t *soft, int count, doubl
             sp_copy(x, c->x, n);
         }
         if (best < 1.0 || !sp_finite(gradient, n) || !sp_finite(&mean, 1)) break;
-        /* Farkas: a feasible x has pull·x ≤ b·y + h·z, but within the spheres pull·x ≥ −Σ ‖pull_i‖. */
-        if (count == 0 && proof + row_bound(pull, n) < -SP_CONE_PROOF * sum) return 0;
+        /* Farkas: a feasible x has pull·x ≤ b·y + h·z, but within the spheres pull·x ≥ −r Σ ‖pull_i‖. */
+        if (count == 0 && proof + row_bound(pull, n, p->radius) < -SP_CONE_PROOF * sum) return 0;
         for (int k = 0; k < all; k++) c->D[k] = 1.0 / (c->s[k] / c->z[k] + c->give[k]);
         write_matrix(p, c, unit, work->K);
         if (!factorise(work->K, size)) break;

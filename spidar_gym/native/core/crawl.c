@@ -7,6 +7,7 @@ void sp_crawl_init(const sp_robot *robot, sp_crawl *crawl, const sp_crawler_conf
     memset(crawl, 0, sizeof *crawl);
     crawl->config = *config;
     crawl->dt = 1.0 / config->rate_hz;
+    crawl->thrust_limit = HUGE_VAL;
     for (int k = SP_PROGRAM_REST; k <= SP_PROGRAM_STANCE; k++) sp_ground_mode(k, config, &crawl->modes[k]);
     sp_home(robot, &config->gait, crawl->home_b);
 }
@@ -99,6 +100,7 @@ static void ground_demand(const sp_robot *robot, sp_crawl *crawl, const sp_robot
     }
     for (int leg = 0; leg < SP_LEGS; leg++) d->lifted[leg] = lifted[leg];
     sp_copy(d->com_b, s->com_b, 3);
+    d->thrust_limit = crawl->thrust_limit;
 }
 
 /* Add a policy's forces to the allocation and project the sum to the nearest valid forces; foot forces stay. */
@@ -178,7 +180,8 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
     m->gap = c->blend_time > 0.0 ? sp_max(0.0, m->gap - crawl->dt / c->blend_time) : 0.0;
     for (int j = 0; j < SP_JOINTS; j++) torque[j] += m->gap * m->torque_gap[j];
     for (int k = 0; k < SP_FORCES; k++) forces[k] = a->forces_l[k] + (m->gap > 0.0 ? m->gap * m->force_gap[k] : 0.0);
-    for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_limit_thrust(robot, forces + 3 * i);
+    double most = sp_min(robot->max_thrust, crawl->thrust_limit);
+    for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_limit_thrust(most, forces + 3 * i);
     sp_follow(forces, &lock, m->vectoring, robot->max_vectoring_speed * crawl->dt, m->vectoring);
     double filter = c->setpoint_filter > 0.0 ? 1.0 - exp(-crawl->dt / c->setpoint_filter) : 1.0;
     for (int j = 0; j < SP_JOINTS; j++) {

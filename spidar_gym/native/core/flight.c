@@ -265,6 +265,7 @@ void sp_flight_init(sp_flight *f, const sp_controller_config *config)
     memset(f, 0, sizeof *f);
     f->config = *config;
     f->dt = 1.0 / config->rate_hz;
+    f->thrust_limit = HUGE_VAL;
     /* Any other value, as in a damaged log, selects the allocation with fewer rows. */
     int paper = config->allocation == SP_CONTROLLER_CONFIG_ALLOCATION_PAPER;
     f->mode = *sp_find_mode(paper ? SP_PROGRAM_PAPER : SP_PROGRAM_AS_FLOWN);
@@ -395,6 +396,7 @@ static void flight_demand(sp_flight *f, const sp_robot_state *state, const sp_re
         d->lost[i] = gone;
         d->effort[i] = 1.0;
     }
+    d->thrust_limit = f->thrust_limit;
     sp_copy(d->wrench, f->wrench_desired, 6);
     sp_thrust_map(s, d->thrust_map, SP_FORCES);
     sp_torque_map(s, d->torque_map, SP_FORCES);

@@ -383,7 +383,8 @@ static void limit(const sp_robot *robot, sp_manager *m, sp_command *command)
     int falls = phase == SP_MANAGER_DESCEND && (near || !observed);
     if (!(phase == SP_MANAGER_SPOOL || phase == SP_MANAGER_UNLOAD || falls || lifts) || total <= 0.0) return;
     double share = sp_min(sp_max(total, before - slew), before + slew) / total;
-    for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] = sp_min(robot->max_thrust, command->thrust[i] * share);
+    double most = sp_min(robot->max_thrust, m->flight.thrust_limit);
+    for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] = sp_min(most, command->thrust[i] * share);
     if (observed) { /* the observer takes note */
         for (int i = 0; i < SP_FORCES; i++) m->flight.memory.forces_l[i] *= share;
         for (int i = 0; i < 6; i++) m->flight.allocation.wrench[i] *= share;

@@ -66,7 +66,7 @@ static void write_rows(const sp_robot *robot, const sp_rows *rows, const sp_dema
         }
         break;
     case SP_THRUST_BOX: /* [Zhao2025, Eq. 12] */
-        limit = limit_of(rows, force) / force;
+        limit = sp_min(limit_of(rows, force), d->thrust_limit) / force;
         for (int i = 0; i < SP_FORCES; i++) {
             A[i * n + i] = 1.0;
             u[i] = d->lost[i / 3] ? 0.0 : limit;
@@ -145,6 +145,7 @@ void sp_assemble(const sp_robot *robot, const sp_mode *mode, const sp_demand *de
 {
     int n = mode->n, m = mode->m, row = 0;
     p->n = n, p->m = m;
+    p->radius = sp_min(1.0, demand->thrust_limit / robot->max_thrust);
     sp_zero(p->P, n * n);
     sp_zero(p->q, n);
     sp_zero(p->A, m * n);
@@ -173,6 +174,7 @@ void sp_soften(const sp_program *program, const int32_t *rows, int count, double
 {
     int n = program->n, m = program->m, size = n + count;
     soft->n = size, soft->m = m;
+    soft->radius = program->radius;
     sp_zero(soft->P, size * size);
     sp_zero(soft->q, size);
     sp_zero(soft->A, m * size);

@@ -9,6 +9,12 @@ static double modulo(double a, double b)
     return r < 0.0 ? r + b : r;
 }
 
+/* Largest thrust of a module [N] at a voltage of the battery under load [V]: 31.8 N at 22.2 V, 40.5 N at 25.2 V [JSK]. */
+double sp_battery_thrust(double voltage)
+{
+    return sp_max(0.0, SP_BATTERY_THRUST + SP_THRUST_PER_VOLT * (voltage - SP_BATTERY_VOLTAGE));
+}
+
 /* f = λ (sin θ, −sin φ cos θ, cos φ cos θ) [Zhao2025, Eq. 1]. */
 void sp_vectoring_to_force(const double *thrust, const double *vectoring, double *forces_l)
 {

@@ -29,6 +29,7 @@ void sp_snapshot_at(const sp_robot *robot, const double *q, const double *R_wb, 
 void sp_link_attitudes(const sp_robot *robot, const double *q, double R_bl[SP_ROTORS][9]);
 
 /* rotor.c */
+double sp_battery_thrust(double voltage);
 void sp_vectoring_to_force(const double *thrust, const double *vectoring, double *forces_l);
 void sp_aim(const double *R_bl, const double *force_b, double sine, double cosine, double *thrust, double *angles);
 void sp_act_in_torso_axes(const double *action, const double *authority, int size, double trim,
@@ -69,7 +70,7 @@ void sp_allocate(const sp_mode *mode, const sp_demand *demand, const double *pre
                  int guess_rows, const sp_allocator_config *config, sp_room *room, sp_allocation *allocation);
 void sp_project(const sp_demand *demand, const double *wish_l, const double *previous_l,
                 const sp_allocator_config *config, sp_room *room, sp_allocation *allocation);
-double sp_limit_thrust(const sp_robot *robot, double *force);
+double sp_limit_thrust(double most, double *force);
 
 /* flight.c */
 void sp_flight_init(sp_flight *flight, const sp_controller_config *config);

@@ -1,4 +1,4 @@
-/* Electrical power, voltage and largest thrust of the batteries: P = P_b + Σ c λ^1.5 + Σ max(τ q̇, 0) / η + Σ k τ². */
+/* Electrical power and voltage of the batteries: P = P_b + Σ c λ^1.5 + Σ max(τ q̇, 0) / η + Σ k τ². */
 #include "engine.h"
 
 /* Electrical power [W] from thrusts in still air [N], joint torques [Nm] and velocities [rad/s]. */
@@ -19,6 +19,3 @@ double sp_voltage(double energy_wh, double power)
     double rest = SP_FULL_VOLTAGE - (SP_FULL_VOLTAGE - SP_EMPTY_VOLTAGE) * energy_wh / (SP_USABLE * SP_CAPACITY_WH);
     return rest - SP_RESISTANCE * power / sp_max(rest, 1.0);
 }
-
-/* Largest thrust of a module at a voltage: 31.8 N at 22.2 V, 40.5 N at 25.2 V [JSK]. */
-double sp_battery_thrust(double voltage) { return sp_max(0.0, 2.0 * (15.9 + 1.45 * (voltage - SP_EMPTY_VOLTAGE))); }

@@ -74,7 +74,6 @@ void sp_read_sensors(const sp_sensor_config *config, double time, sp_sensor_memo
 /* energy.c */
 double sp_electrical_power(const double *thrust, const double *joint_torque, const double *joint_velocity);
 double sp_voltage(double energy_wh, double power);
-double sp_battery_thrust(double voltage);
 
 /* floor.c */
 void sp_lay_floor(const sp_world *world, const sp_ground_config *config, const sp_sim *sim);

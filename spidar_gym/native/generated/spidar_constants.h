@@ -37,6 +37,9 @@
 #define SP_MIN_FORCE 0x1.0000000000000p-1 /* 0.5, spidar_gym.model.rotor.MIN_FORCE */
 #define SP_AIM_HOLD 0x1.999999999999ap-5 /* 0.05, spidar_gym.model.rotor.AIM_HOLD */
 #define SP_TURN_BIAS 0x1.999999999999ap-4 /* 0.1, spidar_gym.model.rotor.TURN_BIAS */
+#define SP_BATTERY_VOLTAGE 0x1.6333333333333p+4 /* 22.2, spidar_gym.model.rotor.BATTERY_VOLTAGE */
+#define SP_BATTERY_THRUST 0x1.fcccccccccccdp+4 /* 31.8, spidar_gym.model.rotor.BATTERY_THRUST */
+#define SP_THRUST_PER_VOLT 0x1.7333333333333p+1 /* 2.9, spidar_gym.model.rotor.THRUST_PER_VOLT */
 #define SP_NARROW 0x1.47ae147ae147bp-7 /* 0.01, spidar_gym.control.rotors.NARROW */
 #define SP_MISSED_FORCE 0x1.0000000000000p+0 /* 1.0, spidar_gym.control.flight.centroidal.MISSED_FORCE */
 #define SP_MISSED_TORQUE 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.flight.centroidal.MISSED_TORQUE */

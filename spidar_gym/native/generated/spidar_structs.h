@@ -120,6 +120,7 @@ typedef struct {
     double com_b[3]; /* Position of the CoG from the torso's origin [m], which transforms a wrench from {CoG} to {B}. */
     double R_bf[9]; /* (3, 3) Rotation from floor axes to torso axes. */
     double effort[8]; /* Weight of each rotor's ‖f‖² in the power cost. */
+    double thrust_limit; /* λ̄ at the present voltage of the battery where it is below the robot's [N]. */
 } sp_demand;
 
 /* Gains as flown [JSK]; every gain yields an acceleration, so none depends on mass or form. */
@@ -350,6 +351,7 @@ typedef struct {
     double q[80];
     double A[6400];
     double l[80], u[80];
+    double radius; /* of the thrust spheres ‖f_i‖ ≤ r, in units of λ̄ */
 } sp_program;
 
 /* The allocation of one tick. */
@@ -440,6 +442,7 @@ typedef struct {
     sp_flight_memory memory;
     sp_mode mode;
     double dt; /* length of a tick [s] */
+    double thrust_limit; /* input: λ̄ at the present voltage where it is below the robot's [N] */
     int32_t ticked; /* whether a previous tick exists */
     sp_control_state control;
     sp_demand demand;
@@ -516,6 +519,7 @@ typedef struct {
     sp_crawl_memory memory;
     sp_mode modes[7]; /* by sp_program_kind */
     double dt; /* length of a tick [s] */
+    double thrust_limit; /* input: λ̄ at the present voltage where it is below the robot's [N] */
     double home_b[12]; /* positions of the feet at rest [m] */
     int32_t ticked; /* whether a previous tick exists */
     double R_wb[9]; /* attitude of the torso */

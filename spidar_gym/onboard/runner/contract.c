@@ -15,7 +15,7 @@ static const char *expected(int k)
 
 int sp_agree(const sp_found *robot, const char *model, int32_t odometry, char *reason, size_t size)
 {
-    for (int t = 0; t < SP_TOPICS; t++) {
+    for (int t = 0; t < SP_FIRST_HEALTH; t++) {
         if (odometry ? t == SP_TOPIC_IMU || t == SP_TOPIC_POSE : t == SP_TOPIC_ODOMETRY) continue;
         double rate = robot->rates[t], due = SP_TOPIC_RATES[t];
         if (!(rate > 0.0)) {
@@ -42,4 +42,14 @@ int sp_agree(const sp_found *robot, const char *model, int32_t odometry, char *r
         return 0;
     }
     return 1;
+}
+
+void sp_say_absent(const sp_found *robot)
+{
+    int absent = 0;
+    for (int t = SP_FIRST_HEALTH; t < SP_TOPICS; t++) {
+        if (robot->rates[t] > 0.0) continue;
+        fprintf(stderr, "%s%s", absent++ ? ", " : "runner: the robot's health is not checked: nothing comes on ", SP_TOPIC_NAMES[t]);
+    }
+    if (absent) fprintf(stderr, "\n");
 }

@@ -7,7 +7,8 @@
 
 int sp_sees_with(sp_fault fault)
 {
-    return fault == SP_FINE || fault == SP_NO_STATE || fault == SP_LOW_BATTERY || fault == SP_OUTSIDE;
+    return fault == SP_FINE || fault == SP_NO_STATE || fault == SP_LOW_BATTERY || fault == SP_OUTSIDE ||
+           fault == SP_SERVO_ERROR || sp_ends_mission(fault);
 }
 
 /* Whether the floor carries the robot, or part of it, so that the rotors may fade. */

@@ -59,6 +59,8 @@ void sp_excite(const sp_mission *m, sp_excited excited, double t, double *values
             values[m->excitations[k].index] += value_at(&m->excitations[k], t + 1e-9);
 }
 
+int sp_is_over(const sp_loop *l) { return l->aborted || l->ending != SP_FINE; }
+
 int sp_is_strained(const sp_loop *l)
 {
     double most = l->mission.limits.deviation;
@@ -71,10 +73,10 @@ void sp_next_form(sp_loop *l, double t)
 {
     const sp_mission *m = &l->mission;
     const double limit = m->robot.joint_limit;
-    for (int k = 0; k < m->form_count && !l->aborted; k++)
+    for (int k = 0; k < m->form_count && !sp_is_over(l); k++)
         if (t >= m->forms[k].start - 1e-9) sp_copy(l->form, m->forms[k].joint_target, SP_JOINTS);
     sp_copy(l->reference.joint_target, l->form, SP_JOINTS);
-    if (!l->aborted) sp_excite(m, SP_EXCITED_JOINT, t, l->reference.joint_target);
+    if (!sp_is_over(l)) sp_excite(m, SP_EXCITED_JOINT, t, l->reference.joint_target);
     for (int j = 0; j < SP_JOINTS; j++)
         l->reference.joint_target[j] = sp_clip(l->reference.joint_target[j], -limit, limit);
     l->finished = l->finished || (m->end > 0.0 && t >= m->end);

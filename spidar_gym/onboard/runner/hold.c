@@ -30,6 +30,7 @@ sp_fault sp_answer(sp_loop *l, const sp_allocation *a, const sp_command *command
     sp_copy(l->answer.forces_l, a->forces_l, SP_FORCES);
     if (!command_within_limits(&l->mission.robot, command)) return SP_BAD_COMMAND;
     l->command = *command;
+    for (int i = 0; i < SP_ROTORS; i++) l->command.thrust[i] = sp_min(l->command.thrust[i], l->health.thrust_limit);
     return a->status == SP_HELD ? SP_NO_ALLOCATION : SP_FINE;
 }
 

@@ -7,7 +7,7 @@
 #define TRIM_SECONDS 0.5
 
 static const char *const STAGES[] = {
-    "waiting", "driving", "holding", "forcing the landing", "released", "ending the course", "resting",
+    "waiting", "driving", "holding", "forcing the landing", "released", "ending the mission", "resting",
 };
 
 const char *sp_fault_words(int32_t fault)
@@ -34,6 +34,7 @@ const char *sp_loop_init(sp_loop *l, const sp_mission *mission)
     memset(l, 0, sizeof *l);
     l->mission = *mission;
     sp_sense_init(&l->sense, mission);
+    sp_health_init(&l->health);
     sp_flight_init(&l->flight, &mission->controller);
     sp_crawl_init(&l->mission.robot, &l->crawl, &mission->crawler);
     int kind = sp_policy_kind(), flies = kind == SP_POLICY_FLIGHT || kind == SP_POLICY_DIRECT;
@@ -119,7 +120,7 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     for (int i = 0; i < 3; i++) r->position_w[i] = x->position_w[i] + lever[i];
     sp_copy(r->joint_target, x->joint_position, SP_JOINTS);
     sp_copy(l->form, x->joint_position, SP_JOINTS);
-    sp_flight_reset(&l->mission.robot, &l->flight, x, x->joint_position, l->has_trim ? l->trim : NULL);
+    sp_flight_reset(&l->mission.robot, &l->flight, x, x->joint_position, l->has_trim && l->mission.trim ? l->trim : NULL);
     return 1;
 }
 
@@ -128,7 +129,7 @@ static void turn(sp_loop *l, double t)
 {
     const sp_mission *m = &l->mission;
     double way = HEADING_RATE / SP_CONTROL_RATE, target = l->first_yaw;
-    if (m->heading_count == 0 || l->aborted) return;
+    if (m->heading_count == 0 || sp_is_over(l)) return;
     for (int k = 0; k < m->heading_count; k++)
         if (t >= m->headings[k].start - 1e-9) target = l->first_yaw + m->headings[k].yaw;
     double step = sp_clip(target - l->yaw, -way, way);
@@ -142,7 +143,7 @@ static void turn(sp_loop *l, double t)
 static void update_reference(sp_loop *l, double t)
 {
     const sp_mission *m = &l->mission;
-    if (!l->aborted && sp_is_strained(l)) { /* the robot hovers in the form that it has */
+    if (!sp_is_over(l) && sp_is_strained(l)) { /* the robot hovers in the form that it has */
         l->aborted = l->finished = 1;
         sp_copy(l->form, l->command.joint_position, SP_JOINTS);
     }
@@ -157,7 +158,7 @@ static void update_reference(sp_loop *l, double t)
 /* Add the mission's excitations to the thrusts of a command, within what the modules deliver. */
 static void excite_thrust(const sp_loop *l, double t, sp_command *command)
 {
-    if (l->mission.excitation_count == 0 || l->aborted) return;
+    if (l->mission.excitation_count == 0 || sp_is_over(l)) return;
     sp_excite(&l->mission, SP_EXCITED_THRUST, t, command->thrust);
     for (int i = 0; i < SP_ROTORS; i++) command->thrust[i] = sp_clip(command->thrust[i], 0.0, l->mission.robot.max_thrust);
 }
@@ -225,6 +226,27 @@ static sp_fault control_tick(sp_loop *l, const sp_loop_input *input)
     return sp_answer(l, a, &command);
 }
 
+/* The largest thrust of all controllers follows the battery's voltage. */
+static void limit_thrust(sp_loop *l)
+{
+    double most = l->health.thrust_limit;
+    l->flight.thrust_limit = l->crawl.thrust_limit = most;
+    l->manager.flight.thrust_limit = l->manager.crawl.thrust_limit = most;
+}
+
+/* End a flight or a crawl early: the robot hovers in the form that it has, or completes the crawl's cycle and lies. */
+static void end_mission(sp_loop *l, sp_fault fault)
+{
+    if (l->ending != SP_FINE) return;
+    l->ending = fault;
+    if (l->mission.kind == SP_MISSION_CRAWL) {
+        l->crawl.gait.count = l->crawl.gait.count > 0;
+        return;
+    }
+    sp_copy(l->form, l->command.joint_position, SP_JOINTS);
+    l->finished = 1;
+}
+
 /* Whether commands of the runner are in force. */
 static int drives(int32_t stage)
 {
@@ -232,7 +254,7 @@ static int drives(int32_t stage)
 }
 
 /* Advance the stage. */
-static void next_stage(sp_loop *l, const sp_loop_input *input, sp_fault fault)
+static void next_stage(sp_loop *l, const sp_loop_input *input, sp_fault fault, sp_fault health)
 {
     const sp_limits *limits = &l->mission.limits;
     const int flight = l->mission.kind == SP_MISSION_FLIGHT, course = l->mission.kind == SP_MISSION_COURSE;
@@ -241,6 +263,7 @@ static void next_stage(sp_loop *l, const sp_loop_input *input, sp_fault fault)
     double age = input->time - input->flight_state_time;
     if (fault == SP_FINE && !(age <= limits->state_age && age >= -SP_AHEAD)) fault = SP_NO_STATE;
     if (fault == SP_FINE && low) fault = SP_LOW_BATTERY;
+    if (fault == SP_FINE) fault = health; /* it lasts, and must not hide others */
     if (l->stage == SP_WAITING) {
         l->fault = fault;
         if (fault != SP_FINE || !wanted || !l->sense.started || !l->has_last) {
@@ -259,15 +282,20 @@ static void next_stage(sp_loop *l, const sp_loop_input *input, sp_fault fault)
             l->stage = SP_RELEASED;
             return;
         }
-        const int sees = course ? sp_sees_with(fault) : fault == SP_FINE;
+        const int sees = course ? sp_sees_with(fault) : fault == SP_FINE || sp_ends_mission(fault);
         if (sees && input->has_thrust && input->time - l->taken_over > CONTENTION) fault = SP_CONTENDED;
         if (course) {
             sp_course_tick(l, input, fault);
         } else if (l->mission.kind == SP_MISSION_BENCH) {
             sp_bench_tick(l, input, fault);
         } else {
+            if (sp_ends_mission(fault)) {
+                end_mission(l, fault);
+                fault = SP_FINE;
+            }
             if (fault == SP_FINE) fault = control_tick(l, input);
             sp_hold(l, input->time, fault);
+            if (l->stage == SP_DRIVING && l->ending != SP_FINE) l->stage = SP_ENDING, l->fault = l->ending;
         }
     }
     if (l->stage == SP_LANDING && ++l->landing > limits->landing_ticks) l->stage = SP_RELEASED;
@@ -279,9 +307,12 @@ void sp_loop_tick(sp_loop *l, const sp_loop_input *input, sp_loop_output *output
                                      l->stage == SP_WAITING ? input->thrust : l->command.thrust);
     if (fault == SP_FINE && l->sense.started) fault = check_limits(l, input->time);
     if (!sp_finite(&input->time, 1)) fault = SP_NOT_FINITE;
+    double since = l->has_last ? sp_max(input->time - l->last, 0.0) : 0.0; /* 0 where it is not a number */
+    sp_fault health = sp_health_update(&l->health, &l->mission, &input->health, input->time, since);
+    limit_thrust(l);
     l->answer.heard = SP_HEARD_NOTHING;
     if (input->orders[0] != 0) sp_say_why(l, "orders while the runner drives a course");
-    next_stage(l, input, fault);
+    next_stage(l, input, fault, health);
     l->last = input->time;
     l->has_last = 1;
     sp_loop_output *a = &l->answer;

@@ -88,6 +88,10 @@ static const char *read_switch(sp_mission *m, char **words, int count)
         m->odometry = strcmp(word, "odometry") == 0;
         return m->odometry || strcmp(word, "mocap") == 0 ? NULL : "estimate mocap, or estimate odometry";
     }
+    if (strcmp(words[0], "trim") == 0) {
+        m->trim = strcmp(word, "on") == 0;
+        return m->trim || strcmp(word, "off") == 0 ? NULL : "trim on, or trim off";
+    }
     m->residual = strcmp(word, "on") == 0;
     return m->residual || strcmp(word, "off") == 0 ? NULL : "residual on, or residual off";
 }
@@ -159,9 +163,10 @@ static const struct {
     {"flight", NULL}, {"crawl", NULL}, {"course", NULL}, {"bench", NULL}, {"form", read_form},
     {"heading", read_heading}, {"excite", sp_read_excitation}, {"move", read_move}, {"gate", sp_read_gate},
     {"goal", sp_read_goal}, {"crawl_to", read_order}, {"take_off", read_order}, {"fly_to", read_order},
-    {"land", read_order}, {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch},
+    {"land", read_order}, {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch}, {"trim", read_switch},
     {"fence", read_limit}, {"ages", read_limit}, {"settle", read_limit}, {"tilt", read_limit},
     {"deviation", read_limit}, {"torque", read_limit}, {"speed", read_limit}, {"end", read_limit},
+    {"voltage", sp_read_health}, {"servos", sp_read_health}, {"motors", sp_read_health}, {"health", sp_read_health},
 };
 
 /* Read a line; returns NULL, or what would have been valid. `kinds` counts lines with flight, crawl or course. */
@@ -175,7 +180,8 @@ static const char *read_line(const sp_parameters *p, sp_mission *m, char *line, 
     while (k < sizeof LINES / sizeof *LINES && strcmp(words[0], LINES[k].word) != 0) k++;
     if (k == sizeof LINES / sizeof *LINES)
         return "flight, crawl, course, bench, form, heading, excite, move, crawl_to, take_off, fly_to, land, gate, goal, "
-               "unrestricted, estimate, residual, fence, ages, settle, tilt, deviation, torque, speed, end";
+               "unrestricted, estimate, residual, trim, fence, ages, settle, tilt, deviation, torque, speed, end, voltage, servos, "
+               "motors, health";
     const int is_kind = LINES[k].read == NULL;
     *kinds += is_kind;
     if (*kinds > 1) return "one flight, crawl, course or bench";
@@ -193,6 +199,7 @@ int sp_read_mission(const char *text, const sp_parameters *p, sp_mission *m, cha
     m->limits = p->limits;
     m->controller = p->flights[0].config;
     m->crawler = p->crawls[0].config;
+    m->trim = 1;
     m->estimator = p->estimator;
     m->manager = p->manager;
     while (*text != 0 && valid == NULL) {

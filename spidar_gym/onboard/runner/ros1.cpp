@@ -23,6 +23,9 @@
 #include <spinal/FlightConfigCmd.h>
 #include <spinal/FourAxisCommand.h>
 #include <spinal/Imu.h>
+#include <spinal/Pwms.h>
+#include <spinal/ServoStates.h>
+#include <std_msgs/Float32.h>
 #include <std_msgs/String.h>
 #include <std_msgs/UInt8.h>
 
@@ -87,6 +90,7 @@ public:
         for (int k = 0; k < SP_JOINTS; k++) input_.measurement.joint_position[k] = NAN;
         for (int k = 0; k < 2 * SP_ROTORS; k++) input_.measurement.vectoring[k] = NAN;
         input_.measurement.encoder_time = input_.flight_state_time = -1e9; /* never */
+        input_.health.voltage_time = input_.health.servo_time = input_.health.motor_time = -1e9;
         subscribe();
         advertise();
     }
@@ -165,7 +169,7 @@ private:
     ros::NodeHandle in_, out_;
     const bool dry_, odometry_;
     const int64_t base_; /* whole seconds, which avoids rounding */
-    ros::Subscriber subscribers_[6];
+    ros::Subscriber subscribers_[9];
     ros::Publisher thrust_, gimbals_, joints_, torques_, config_;
     spinal::FourAxisCommand thrust_message_;
     sensor_msgs::JointState gimbals_message_, joints_message_, torques_message_;
@@ -184,7 +188,7 @@ private:
 
     bool wanted(int topic) const
     {
-        return !(topic == SP_TOPIC_POSE && odometry_) && !(topic == SP_TOPIC_ODOMETRY && !odometry_);
+        return topic < SP_FIRST_HEALTH && !(topic == SP_TOPIC_POSE && odometry_) && !(topic == SP_TOPIC_ODOMETRY && !odometry_);
     }
 
     void came(sp_topic topic)
@@ -203,6 +207,9 @@ private:
         subscribers_[3] = in_.subscribe("flight_state", 8, &Robot::on_state, this, fast);
         subscribers_[4] = in_.subscribe("four_axes/command", 8, &Robot::on_thrust, this, fast);
         subscribers_[5] = in_.subscribe("runner/orders", 8, &Robot::on_orders, this, fast);
+        subscribers_[6] = in_.subscribe("battery_voltage_status", 2, &Robot::on_voltage, this, fast);
+        subscribers_[7] = in_.subscribe("servo/states", 2, &Robot::on_servos, this, fast);
+        subscribers_[8] = in_.subscribe("motor_pwms", 2, &Robot::on_motors, this, fast);
     }
 
     void advertise()
@@ -338,6 +345,38 @@ private:
         input_.flight_state_time = seconds(event.getReceiptTime()); /* the message has no stamp */
     }
 
+    void on_voltage(const ros::MessageEvent<std_msgs::Float32 const> &event)
+    {
+        came(SP_TOPIC_VOLTAGE);
+        input_.health.voltage = event.getMessage()->data;
+        input_.health.voltage_time = seconds(event.getReceiptTime()); /* the message has no stamp */
+    }
+
+    void on_servos(const spinal::ServoStates::ConstPtr &message)
+    {
+        sp_health_input &h = input_.health;
+        came(SP_TOPIC_SERVOS);
+        h.servo_time = seconds(message->stamp);
+        h.servo_count = 0;
+        for (const auto &servo : message->servos) {
+            if (servo.index >= SP_SERVOS) continue;
+            h.servo_count++;
+            h.servo_angle[servo.index] = servo.angle;
+            h.servo_temperature[servo.index] = servo.temp;
+            h.servo_load[servo.index] = servo.load;
+            h.servo_error[servo.index] = servo.error;
+        }
+    }
+
+    void on_motors(const spinal::Pwms::ConstPtr &message)
+    {
+        sp_health_input &h = input_.health;
+        came(SP_TOPIC_MOTORS);
+        h.motor_time = seconds(message->stamp);
+        h.motor_count = (int32_t)message->motor_value.size();
+        for (int k = 0; k < SP_ROTORS && k < h.motor_count; k++) h.motor_output[k] = message->motor_value[k];
+    }
+
     void on_orders(const std_msgs::String::ConstPtr &message)
     {
         if (message->data.size() < sizeof input_.orders) orders_.push_back(message->data);
@@ -428,6 +467,7 @@ int serve(sp_run *run, const char *model, const char *robot_ns, const char *out_
         return sp_reject(robot.rival().c_str(), " drives the robot already; valid: one runner at a time");
     const sp_found found = robot.found();
     if (!sp_agree(&found, model, run->loop.mission.odometry, reason, sizeof reason)) return sp_reject("", reason);
+    sp_say_absent(&found);
     /* Lock the present memory only: later allocations must not fail because of a limit on locked memory. */
     urgent = mlockall(MCL_CURRENT) == 0 && urgent;
     if (!urgent) std::fprintf(stderr, "runner: runs without real-time priority or locked memory: the system refused\n");

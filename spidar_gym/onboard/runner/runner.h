@@ -39,6 +39,7 @@ int sp_read_mission(const char *text, const sp_parameters *p, sp_mission *missio
 const char *sp_read_excitation(sp_mission *mission, char **words, int count); /* what would have been valid, or NULL */
 void sp_excite(const sp_mission *mission, sp_excited excited, double t, double *values); /* add those at a time [s] */
 int sp_is_strained(const sp_loop *loop); /* whether a joint is farther from its command than the mission allows */
+int sp_is_over(const sp_loop *loop); /* whether forms and excitations were ended early */
 void sp_next_form(sp_loop *loop, double t); /* the mission's target of the joints, with excitations, at a time [s] */
 
 /* orders.c: orders for the manager of both gaits. Functions return what would have been valid, or NULL if all is. */
@@ -62,6 +63,13 @@ void sp_go_by_map(sp_loop *loop); /* before the manager's tick: commands it twic
 void sp_sense_init(sp_sense *sense, const sp_mission *mission);
 sp_fault sp_sense_update(sp_sense *sense, const sp_mission *mission, const sp_loop_input *input, const double *thrust);
 
+/* health.c: the robot's health. */
+const char *sp_read_health(sp_mission *mission, char **words, int count); /* what would have been valid, or NULL */
+void sp_health_init(sp_health *health);
+/* Take the newest messages, `since` seconds after the last tick; returns the worst fault. */
+sp_fault sp_health_update(sp_health *health, const sp_mission *mission, const sp_health_input *input, double now, double since);
+int sp_ends_mission(sp_fault fault); /* whether a fault ends the mission while the robot can still be controlled */
+
 /* hold.c: limits of commands, and how long an old command is held. */
 int sp_thrust_within_limits(const sp_robot *robot, const double *thrust); /* of every rotor */
 /* Update the time for which old commands have been in force, at most 100 ms. A good tick only reduces it by the tick's
@@ -72,7 +80,7 @@ void sp_note_carried(sp_loop *loop, int airborne);
 /* Reduce the held command to that mean if its Σλ is larger: the board's landing begins with it, and a command of the
  * last ticks, from measurements that had already stopped, would lift the robot by metres. */
 void sp_hold_level(sp_loop *loop);
-/* Accept a controller's command if it is within limits; returns the fault. */
+/* Accept a controller's command if it is within limits, at most the thrust at this voltage; returns the fault. */
 sp_fault sp_answer(sp_loop *loop, const sp_allocation *allocation, const sp_command *command);
 
 /* loop.c: the runner's tick: check the input, estimate, control, stop. A pure function of its inputs. */
@@ -105,6 +113,7 @@ typedef struct {
     double rates[SP_TOPICS];  /* measured [Hz]; 0 without messages */
 } sp_found;
 int sp_agree(const sp_found *robot, const char *model, int32_t odometry, char *reason, size_t size);
+void sp_say_absent(const sp_found *robot); /* print a line for the topics about health that the robot lacks, if any */
 
 /* run.c: a loop with log and statistics, used by every link. */
 #define SP_BINS 400

@@ -70,7 +70,9 @@ static const char *meet(int link, const char *model, int32_t odometry)
         names[k] = hello.names[k];
     }
     memcpy(robot.rates, hello.rates, sizeof robot.rates);
-    return sp_agree(&robot, model, odometry, reason, sizeof reason) ? NULL : reason;
+    if (!sp_agree(&robot, model, odometry, reason, sizeof reason)) return reason;
+    sp_say_absent(&robot);
+    return NULL;
 }
 
 int sp_sim(const sp_parameters *p, const char *place, const char *mission, const char *log, int residual)
