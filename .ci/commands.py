@@ -199,6 +199,16 @@ GUIDE = (
         instead="spidar log convert out/sitl-flight/run.log --out out/run.mcap"),
     Try("spidar run --log FILE.mcap", extra=LOG, refusal="spidar-gym[log]", makes=("episode.mcap",),
         instead="spidar run --seconds 0.5 --log episode.mcap"),
+    # From logs to parameters.
+    Try("spidar sitl tests", instead="spidar sitl tests --link socket --only thrust --out tests",
+        makes=("tests/thrust.log",)),
+    Try("spidar identify LOG …", instead="spidar identify tests/thrust.log --mass 16 --out identified/robot.toml",
+        makes=("identified/robot.toml", "identified/report.md", "identified/report.json")),
+    Try("spidar eval --robots FILE", instead="spidar eval --policy baselines.qp_steady:QPSteady "
+        "--tracks flight-calibrated --scenarios 1 --robots identified/robot.toml"),
+    Try("spidar parameters --robot FILE", makes=("identified/parameters.txt",),
+        instead="spidar parameters --robot identified/robot.toml --presets steady --fragile "
+        "--out identified/parameters.txt"),
     # Speed and generated files.
     Try("spidar bench", "--seconds 0.01"),
     Try("spidar assets"),

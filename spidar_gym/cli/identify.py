@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 
 from spidar_gym.arguments import JsonArg
-from spidar_gym.console import kept, progress
+from spidar_gym.console import drawn, kept, progress
 from spidar_gym.errors import SpidarError, require_above, require_least
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.identify.identify import identify
@@ -75,9 +75,12 @@ def identify_(
     write_text(out, robot_text(report.found, spec, world))
     write_text(folder / "report.json", json_text(report.facts()))
     write_text(folder / "report.md", report.text())
-    draw_report(report, folder / "report.png", spec)
+    picture = folder / "report.png"
+    written = [out, folder / "report.md", folder / "report.json"]
+    written += [picture] if drawn("figure", lambda: draw_report(report, picture, spec)) else []
     print(json_text(report.facts()) if json else report.text())
-    print(f"{out}, {folder / 'report.md'}, {folder / 'report.json'}, {folder / 'report.png'}")
+    if not json:
+        print(f"written: {', '.join(map(str, written))}")
 
 
 BAR = "{desc}: {percentage:3.0f} %|{bar}| {elapsed} {postfix}"
