@@ -1,6 +1,7 @@
 """Pins the environments' contracts: interface, determinism, reward, bounds, infos, clipping, closing."""
 
 import math
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -232,7 +233,9 @@ def test_the_zero_action_is_bit_for_bit_the_controller_alone(mode, preset, optio
     env = make(action_mode=mode, preset=preset, forms="independent", control=control, **options)
     env.reset(seed=EARLY)
     start, q = env.state, env.reference().joint_target
-    controller, bare = kind(controller_config(preset)), Plant(PlantConfig(aero=AeroConfig(**options)))
+    # The environment's joint speed has precedence over the preset's.
+    config = replace(controller_config(preset), joint_speed=ROBOT.joint_speed)
+    controller, bare = kind(config), Plant(PlantConfig(aero=AeroConfig(**options)))
     state = bare.reset(start.position_w, start.quat_wb, start.joint_position, start.vectoring, start.thrust)
     controller.reset(state, q)
     for _ in range(60):
