@@ -20,7 +20,7 @@ def test_missions_fly_exported_presets(here, capfd):
     assert heads.pop("crawl") == ["crawl", "published"]
     assert heads.pop("bench")[0] == "bench"
     assert {preset for _, preset in heads.values()} == {"tuned"}
-    assert heads.keys() == {"flight", "hover", "course", "course_gates", "thrust", "legs", "forms"}
+    assert heads.keys() == {"first_flight", "flight", "hover", "course", "course_gates", "thrust", "legs", "forms"}
 
 
 def test_an_empty_list_of_presets_is_refused_and_writes_nothing(here, capfd):

@@ -58,6 +58,10 @@ def tolerant(mission):
     limits["hold_ticks"], limits["tilt"], limits["fence_low"], limits["fence_high"] = 10**6, 4.0, -1e9, 1e9
     for name in ("pose_age", "imu_age", "joint_age", "gap"):
         limits[name] = 1e9
+    for name in ("voltage_low", "voltage_critical"):
+        limits["health"][name] = -1e9
+    for name in ("temperature", "load", "output", "age"):
+        limits["health"][name] = 1e9
     return mission
 
 

@@ -94,6 +94,9 @@ static int take_over(sp_loop *l, const sp_loop_input *input)
     memset(&l->command, 0, sizeof l->command);
     if (sp_thrust_within_limits(&l->mission.robot, input->thrust)) sp_copy(l->command.thrust, input->thrust, SP_ROTORS);
     sp_make_command(l->command.thrust, x->vectoring, x->joint_position, l->mission.robot.max_joint_torque, &l->command);
+    /* A joint that is beyond its limits is commanded to the nearer one. */
+    const double limit = l->mission.robot.joint_limit;
+    for (int j = 0; j < SP_JOINTS; j++) l->command.joint_position[j] = sp_clip(l->command.joint_position[j], -limit, limit);
     sp_policy_reset(&l->policy);
     sp_snapshot snapshot;
     double R[9], lever[3];
