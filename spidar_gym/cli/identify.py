@@ -19,7 +19,11 @@ from spidar_gym.viz.identified import draw_report
 
 LogsArg = Annotated[
     tyro.conf.Positional[tuple[Path, ...]],
-    tyro.conf.arg(metavar="LOG [LOG ...]", help="Logs of the tests bench and thrust, of the runner or as MCAP."),
+    tyro.conf.arg(
+        metavar="LOG [LOG ...]",
+        help="Logs of the tests bench and thrust, of the runner or as MCAP.",
+        help_behavior_hint="",
+    ),
 ]
 
 
@@ -41,9 +45,8 @@ def identify_(
 
     Args:
         logs: Logs.
-        out: File of the identified robot, for --world of sitl and --robot of export.
-        mass: Mass of the robot by a scale [kg]; without it the described mass is assumed, and a flight tells the ratio
-            of gain to mass only.
+        out: File of the identified robot, for --world of sitl, --robots of eval and tune, --robot of export and parameters.
+        mass: Mass of the robot by a scale [kg]; the described mass if not given: a flight tells gain over mass only.
         mass_deviation: Standard deviation of that mass [kg].
         world: Calibrated world whose ranges are kept for whatever the logs do not tell.
         robot: TOML file of the described robot; the nominal one if not given.

@@ -54,10 +54,10 @@ def test_every_command_has_help_and_every_quantity_a_unit(command, capfd):
     text = " ".join(out.replace("│", " ").split())
     options = re.split(r" (?=--\w)", text)
     quantities = [option for option in options if re.match(r"--\S+ (\{None\}\|)?FLOAT", option)]
-    counts = {"run": 13, "view": 12, "paper crawl": 4, "bench": 1, "eval": 1, "suite": 1, "export": 1}
+    counts = {"run": 13, "view": 12, "paper crawl": 4, "bench": 1, "eval": 1, "suite": 1, "export": 1, "identify": 2}
     assert len(quantities) == counts.get(" ".join(command), 0)
     # A strength has a range instead of a unit; friction has neither. Degrees exist on the command line only.
-    unit = r"\[(s|1/s|rad/s|m/s|N|m|degrees; radians in gymnasium\.make)\]|0 … 1\b|Sliding friction"
+    unit = r"\[(s|kg|1/s|rad/s|m/s|N|m|degrees; radians in gymnasium\.make)\]|0 … 1\b|Sliding friction"
     assert all(re.search(unit, option) for option in quantities)
 
 
