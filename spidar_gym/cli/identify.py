@@ -45,7 +45,8 @@ def identify_(
 
     Args:
         logs: Logs.
-        out: File of the identified robot, for --world of sitl, --robots of eval and tune, --robot of export and parameters.
+        out: File of the identified robot, for --world of sitl, --robots of eval and tune, --robot of export and
+            parameters.
         mass: Mass of the robot by a scale [kg]; the described mass if not given: a flight tells gain over mass only.
         mass_deviation: Standard deviation of that mass [kg].
         world: Calibrated world whose ranges are kept for whatever the logs do not tell.
