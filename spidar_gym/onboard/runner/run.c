@@ -15,26 +15,6 @@ double sp_microseconds(void)
     return 1e6 * (double)t.tv_sec + 1e-3 * (double)t.tv_nsec;
 }
 
-int sp_reject(const char *what, const char *why)
-{
-    fprintf(stderr, "runner: %s%s\n", what, why);
-    return 2;
-}
-
-char *sp_read_text(const char *path, size_t most)
-{
-    FILE *in = fopen(path, "rb");
-    char *text = in == NULL ? NULL : calloc(1, most + 2);
-    size_t size = text == NULL ? 0 : fread(text, 1, most + 1, in);
-    const int failed = in == NULL || ferror(in); /* as for a folder */
-    if (in != NULL) fclose(in);
-    if (text != NULL && (failed || size > most || strlen(text) != size)) { /* never use a truncated text */
-        free(text);
-        return NULL;
-    }
-    return text;
-}
-
 /* Write the log's head and the mission. */
 static int begin_log(sp_run *run)
 {

@@ -27,7 +27,11 @@ const sp_crawler_config *sp_find_crawl(const sp_parameters *p, const char *name)
 const char *sp_refuse_robot(const sp_robot *robot); /* what a possible robot would have, or NULL */
 int sp_is_own_robot(const sp_robot *robot); /* whether it is the compiled one */
 
-/* words.c: split a line of text into words, convert words to numbers. */
+/* words.c: texts. */
+/* Print on stderr what is rejected, and what would have been valid; returns the exit status 2. */
+int sp_reject(const char *what, const char *why);
+/* Read a whole text file of at most `most` characters; returns NULL on failure, else memory to be freed. */
+char *sp_read_text(const char *path, size_t most);
 #define SP_WORDS 28 /* most words of a line */
 int sp_split(char *line, char **words); /* without the comment; returns their number, −1 if too many */
 int sp_numbers(char **words, int count, int n, double *values); /* words 1 … n; 0 if not n numbers follow */
@@ -127,10 +131,6 @@ typedef struct {
     int32_t times[SP_BINS], waits[SP_BINS]; /* histograms, 10 us a bin */
 } sp_run;
 double sp_microseconds(void); /* of a monotonic clock */
-/* Print on stderr what is rejected, and what would have been valid; returns the exit status 2. */
-int sp_reject(const char *what, const char *why);
-/* Read a whole text file of at most `most` characters; returns NULL on failure, else memory to be freed. */
-char *sp_read_text(const char *path, size_t most);
 /* Read the mission and open the log; returns 0, or 2 after a line on stderr. `log` may be NULL. */
 int sp_run_open(sp_run *run, const sp_parameters *p, const char *mission, const char *log, int residual);
 /* Run, time and log a tick. `wait` is its delay [us], negative without a clock. */

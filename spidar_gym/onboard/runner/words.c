@@ -1,10 +1,30 @@
-/* Split a line of text into words, and convert words to numbers. */
+/* Texts: read one from a file, split a line into words, convert words to numbers, say why something is refused. */
 #define _POSIX_C_SOURCE 200112L
 #include <stdlib.h>
 #include <string.h>
 
 #include "runner.h"
 #include "spidar_math.h"
+
+int sp_reject(const char *what, const char *why)
+{
+    fprintf(stderr, "runner: %s%s\n", what, why);
+    return 2;
+}
+
+char *sp_read_text(const char *path, size_t most)
+{
+    FILE *in = fopen(path, "rb");
+    char *text = in == NULL ? NULL : calloc(1, most + 2);
+    size_t size = text == NULL ? 0 : fread(text, 1, most + 1, in);
+    const int failed = in == NULL || ferror(in); /* as for a folder */
+    if (in != NULL) fclose(in);
+    if (text != NULL && (failed || size > most || strlen(text) != size)) { /* never use a truncated text */
+        free(text);
+        return NULL;
+    }
+    return text;
+}
 
 int sp_split(char *line, char **words)
 {
