@@ -51,6 +51,18 @@ def fuzzed(inputs, rng, odds=0.7):
     return inputs
 
 
+def sick(inputs, rng):
+    """Return inputs whose messages about health are wild in one tick of ten; no servo reports an error."""
+    for tick in np.flatnonzero(rng.random(len(inputs)) < 0.1):
+        health = inputs["health"][tick]
+        health[rng.choice(("voltage", "voltage_time", "servo_time", "motor_time"))] = rng.choice(WILD)
+        health[rng.choice(("servo_count", "motor_count"))] = rng.integers(-(2**31), 2**31)
+        name = rng.choice(("servo_angle", "servo_temperature", "servo_load", "motor_output"))
+        health[name][rng.integers(8)] = rng.integers(-(2**31), 2**31)
+    assert len(np.unique(inputs["health"]["servo_count"])) > 1
+    return inputs
+
+
 def tolerant(mission):
     """Return a mission without limits that would end it."""
     mission = mission.copy()
@@ -58,10 +70,10 @@ def tolerant(mission):
     limits["hold_ticks"], limits["tilt"], limits["fence_low"], limits["fence_high"] = 10**6, 4.0, -1e9, 1e9
     for name in ("pose_age", "imu_age", "joint_age", "gap"):
         limits[name] = 1e9
-    for name in ("voltage_low", "voltage_critical"):
-        limits["health"][name] = -1e9
+    health = limits["health"]
+    health["voltage_low"] = health["voltage_critical"] = 0.0
     for name in ("temperature", "load", "output", "age"):
-        limits["health"][name] = 1e9
+        health[name] = 1e9
     return mission
 
 
@@ -74,11 +86,12 @@ def wild_stream(stream, seed, ticks):
         again = drive.copy()
         for target, name in ((again, "time"), (again, "flight_state_time"), (again["measurement"], "time"),
                              (again["measurement"], "pose_time"), (again["measurement"], "imu_time"),
-                             (again["measurement"], "encoder_time")):  # fmt: skip
+                             (again["measurement"], "encoder_time"), (again["health"], "voltage_time"),
+                             (again["health"], "servo_time"), (again["health"], "motor_time")):  # fmt: skip
             target[name] += k * late
         again["flight_state"] = stream.wanted
         again["has_thrust"] = 0
-        parts.append(fuzzed(again, rng))
+        parts.append(sick(fuzzed(again, rng), np.random.default_rng([seed, k])))
     return np.concatenate(parts)
 
 

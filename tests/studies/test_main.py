@@ -20,7 +20,24 @@ def here(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     "name",
-    [[], *([name] for name in ("lost", "hops", "gates", "steps", "ablations", "margins", "frontier", "flights"))],
+    [
+        [],
+        *(
+            [name]
+            for name in (
+                "lost",
+                "hops",
+                "gates",
+                "steps",
+                "ablations",
+                "margins",
+                "frontier",
+                "flights",
+                "sagging",
+                "hidden",
+            )
+        ),
+    ],
     ids=" ".join,
 )
 def test_every_study_has_help(name, capfd):
