@@ -49,10 +49,6 @@ class Motion:
     """Their rates, (n, 32) [rad/s]."""
     acceleration: np.ndarray
     """Their accelerations, (n, 32) [rad/s²]."""
-    gyro_bias: np.ndarray
-    """Bias of the gyroscope, torso axes, (3,) [rad/s]."""
-    accelerometer_bias: np.ndarray
-    """Mean error of the accelerometer, torso axes, (3,) [m/s²]: mean accelerations are those of the motion capture."""
 
 
 def motion_of(record: Record, late: tuple[float, float] = (0.0, 0.0)) -> Motion:
@@ -85,7 +81,7 @@ def motion_of(record: Record, late: tuple[float, float] = (0.0, 0.0)) -> Motion:
     seen_at = time + late[1]
     return Motion(
         time, R, turn(time), turn.derivative()(time), force - off, angle(seen_at), angle.derivative()(seen_at),
-        angle.derivative(2)(seen_at), bias, off,
+        angle.derivative(2)(seen_at),
     )  # fmt: skip
 
 

@@ -154,6 +154,7 @@ class Report:
         if servos is not None:
             bench = {
                 "misfit": servos.misfit,
+                "lost": servos.lost,
                 "identified_rad": servos.ahead.tolist(),
                 "described_rad": servos.described.tolist(),
             }
@@ -227,6 +228,8 @@ class Report:
                 f"the air is {_list(hovers.slow)} N and Nm about the torso's axes, with correlation times of "
                 f"{_list(hovers.slow_time)} s.",
             ]  # fmt: skip
+        if servos is not None:
+            lines += ["", f"{100.0 * servos.lost:.1f} % of the commands that would have moved a joint did not arrive."]
         return lines
 
 

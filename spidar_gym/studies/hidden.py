@@ -199,13 +199,12 @@ def hidden_lines(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
         own = [row for row in rows if row["parameter"] == name]
         count = sum(row["count"] for row in own)
         rms = math.sqrt(sum(row["count"] * row["rms_error"] ** 2 for row in own) / count)
-        relative = name in RELATIVE
         lines.append([
             name.replace("_", " "), f"{count}", f"{sum(row['told'] for row in own)}",
-            f"{sum(row['within'] for row in own) / count:.1%}", _size(name, rms, relative),
-            _size(name, max(row["worst_error"] for row in own), relative),
-            _size(name, sum(row["count"] * row["mean_width"] for row in own) / count, relative),
-            "≤ " + _size(name, WANTED[name], relative) if name in WANTED else "–",
+            f"{sum(row['within'] for row in own) / count:.1%}", _size(name, rms),
+            _size(name, max(row["worst_error"] for row in own)),
+            _size(name, sum(row["count"] * row["mean_width"] for row in own) / count),
+            "≤ " + _size(name, WANTED[name]) if name in WANTED else "–",
         ])  # fmt: skip
     count, within = (sum(row[key] for row in rows) for key in ("count", "within"))
     return [
@@ -214,7 +213,7 @@ def hidden_lines(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
     ]
 
 
-def _size(name: str, value: float, relative: bool) -> str:
-    if relative:
+def _size(name: str, value: float) -> str:
+    if name in RELATIVE:
         return f"{value:.1%}"
     return f"{value:.3f} Nm" if name == "friction" else f"{1e3 * value:.1f} ms"
