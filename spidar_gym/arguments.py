@@ -1,6 +1,7 @@
 """Annotated types of arguments that several commands share: switches, choices and the format of the output."""
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -22,6 +23,10 @@ CrawlPresetArg = Annotated[str, choice(CRAWL_PRESETS)]
 AnyPresetArg = Annotated[str | None, choice((*PRESETS, *CRAWL_PRESETS))]
 WorldArg = Annotated[
     str, tyro.conf.arg(help="Calibrated world of the robots, calibrated_1, or one kind, calibrated_1:wake-damped.")
+]
+ParametersArg = Annotated[
+    Path | None,
+    tyro.conf.arg(help="Parameter file that the runner reads at start, of `spidar parameters`; its presets are named."),
 ]
 CameraArg = Annotated[
     str, choice(VIEWS, "Camera of the video; fixed shows the whole scene, the others follow the robot and are slower.")

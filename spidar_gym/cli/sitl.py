@@ -12,13 +12,14 @@ from typing import Annotated, Any
 import tyro
 
 from spidar_gym import viz
-from spidar_gym.arguments import CrawlPresetArg, Flag, FlightPresetArg, JsonArg, WorldArg, choice
+from spidar_gym.arguments import CrawlPresetArg, Flag, FlightPresetArg, JsonArg, ParametersArg, WorldArg, choice
 from spidar_gym.console import drawn, progress, published, studied
 from spidar_gym.control.course.gates import MAX_GATES
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.errors import InvalidValueError, SpidarError, require_above, require_least, require_name, require_within
 from spidar_gym.files import output_folder, write_text
+from spidar_gym.onboard.parameters import flight_presets, read_parameters
 from spidar_gym.paper.calibration import require_robots
 from spidar_gym.paper.crawl import CRAWL_DISTANCE, CrawlLog
 from spidar_gym.processes import cpu_count
@@ -74,12 +75,15 @@ class Options:
     seed: int = 0
     """Seed of the robot's noise and asymmetry."""
     world: WorldArg = ""
+    parameters: ParametersArg = None
     json: JsonArg = False
 
     def __post_init__(self) -> None:
         require_least(0, seed=self.seed)
         require_name("link", self.link, LINKS)
         require_robots(self.world)  # raises for anything but a calibrated world
+        if self.parameters is not None:
+            read_parameters(self.parameters)  # raises for a file that the runner refuses
 
     @property
     def robots(self) -> Randomization:
@@ -92,6 +96,15 @@ class Options:
         return {"odometry": self.odometry, "residual": self.residual is not None}
 
 
+def _require_flight(parameters: Path | None, *presets: str) -> None:
+    """Raise an error for flight presets that the runner, or its parameter file, does not have."""
+    for preset in presets:
+        if parameters is None:
+            controller_config(preset)
+        else:
+            require_name("flight preset of the parameters", preset, flight_presets(parameters))
+
+
 OptionsArg = Annotated[Options, tyro.conf.arg(name="")]
 
 
@@ -102,7 +115,7 @@ def _played(mission: Mission, out: Path, options: Options) -> tuple[Played, Path
     with progress(unit="tick", desc=f"{mission.name} over {options.link}") as bar:
         played = play(
             mission, options.link, seed=options.seed, robots=options.robots, runner=runner,
-            log=folder / "run.log", on_tick=bar.update,
+            parameters=options.parameters, log=folder / "run.log", on_tick=bar.update,
         )  # fmt: skip
     write_text(folder / "mission.txt", mission.text)
     for line in played.run.words:
@@ -146,7 +159,7 @@ def flight(
         preset: Controller preset of the runner.
         out: Folder for flight.json, flight.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
     """
-    controller_config(preset)  # raises for an unknown name
+    _require_flight(options.parameters, preset)
     _play(flight_mission(preset, **options.mission), out, options)
 
 
@@ -210,6 +223,8 @@ def first_flights(
     link: LinkArg = "socket",
     seed: int = 0,
     world: WorldArg = "",
+    one_robot: Flag = False,
+    parameters: ParametersArg = None,
     out: Path = Path("out/sitl-first-flights"),
     json: JsonArg = False,
 ) -> None:
@@ -222,18 +237,23 @@ def first_flights(
         forms: Hover in the paper's forms instead, 20 s in each: in form ② a badly damped robot falls first.
         link: ros: in real time, 55 s per flight; socket: in lock-step, faster and without ROS.
         seed: Seed of the first robot and its noise; each further robot has the next one.
+        one_robot: Make all flights with the robot of --seed, with different noise.
         out: Folder for first_flights.json.
     """
     require_least(0, seed=seed)
     require_least(1, flights=flights)
+    _require_flight(parameters, *presets)
     require_name("link", link, LINKS)
     if damping is not None:
         require_above(damping=damping)
         if world:
             raise InvalidValueError("damping", damping, "none for robots of a world, whose joints have their own")
-    robots, folder = Robots(require_robots(world), damping), output_folder(out)
+    robots = Robots(require_robots(world), damping, seed if one_robot else None)
+    folder = output_folder(out)
     with progress(total=flights * len(presets), unit="flight", desc=f"first flights over {link}") as bar:
-        rows = play_first_flights(link, presets, flights, robots, seed=seed, forms=forms, on_flight=bar.update)
+        rows = play_first_flights(
+            link, presets, flights, robots, seed=seed, forms=forms, parameters=parameters, on_flight=bar.update
+        )
     print(published(folder, "first_flights", {"flights": rows}, format_table(first_flight_lines(rows)), json))
 
 
@@ -254,7 +274,7 @@ def robot_tests(
         preset: Controller preset of the hovers, best one with little bandwidth.
         out: Folder for tests.json, and for each test mission and log, as thrust.txt and thrust.log.
     """
-    controller_config(preset)  # raises for an unknown name
+    _require_flight(options.parameters, preset)
     if options.residual is not None:
         raise SpidarError("tests have no learned residual; valid: flight or crawl with --residual")
     plans = [robot_test(name, preset) for name in only or ROBOT_TESTS]
@@ -263,7 +283,7 @@ def robot_tests(
         with progress(unit="tick", desc=f"{plan.name} over {options.link}") as bar:
             played = play(
                 plan, options.link, seed=options.seed, robots=options.robots, runner=runner,
-                log=folder / f"{plan.name}.log", on_tick=bar.update,
+                parameters=options.parameters, log=folder / f"{plan.name}.log", on_tick=bar.update,
             )  # fmt: skip
         write_text(folder / f"{plan.name}.txt", plan.text)
         figures[plan.name] = report.robot_test_figures(played.run, played.log)

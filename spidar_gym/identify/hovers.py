@@ -41,8 +41,9 @@ STEPS = 6
 """Steps of the regression."""
 APART = (3, 5)
 """Distances of the bins whose amplitudes measure the noise from a swing's frequency [bins of the span's length]."""
-STILL = 0.02
-"""Largest slow rate of joints and heading in a steady hover [rad/s]."""
+STILL, TURNING = 0.02, 0.1
+"""Largest slow rates of joints and of the heading in a steady hover, in which a slow controller lets the air turn the
+robot [rad/s]."""
 BLOCK = 3.0
 """Length of the blocks whose means count as independent [s]."""
 SLOWEST, FASTEST = 0.05, 1.5
@@ -211,6 +212,12 @@ def fit_hovers(
     )  # fmt: skip
 
 
+def require_hovers(record: Record) -> None:
+    """Require a log that `fit_hovers` takes (`UnfitLogError` for another one)."""
+    _swings(record)
+    _hovers(motion_of(record), driven_span(record))
+
+
 def _index(counts: Mapping[str, int]) -> dict[str, slice]:
     """Return the places of unknowns in the vector, by name."""
     ends = np.cumsum(list(counts.values()))
@@ -263,7 +270,8 @@ def _hovers(motion: Motion, driven: tuple[float, float]) -> list[tuple[tuple[flo
     """Return form [rad] and samples of each steady hover: legs and heading do not move."""
     sos = butter(2, 0.3, fs=RATE, output="sos")
     slow = sosfiltfilt(sos, np.column_stack([motion.rate[:, :N_JOINTS], motion.omega_b[:, 2]]), axis=0)
-    still = (abs(slow) < STILL).all(axis=1) & (motion.time > driven[0]) & (motion.time < driven[1])
+    still = (abs(slow[:, :-1]) < STILL).all(axis=1) & (abs(slow[:, -1]) < TURNING)
+    still &= (motion.time > driven[0]) & (motion.time < driven[1])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     found = []
     for first, last in edges.reshape(-1, 2):

@@ -9,7 +9,7 @@ from spidar_gym.errors import SpidarError
 from spidar_gym.identify.ahead import predict
 from spidar_gym.identify.estimate import Estimate, UnfitLogError
 from spidar_gym.identify.excitation import excitations_of
-from spidar_gym.identify.hovers import fit_hovers
+from spidar_gym.identify.hovers import fit_hovers, require_hovers
 from spidar_gym.identify.report import Report, report_lines
 from spidar_gym.identify.robot_file import Identified
 from spidar_gym.identify.sensors import find_sensors
@@ -54,6 +54,8 @@ def identify(
     if len(benches) > 1 or len(flights) > 1:
         several = [name for name, _ in (benches if len(benches) > 1 else flights)]
         raise SpidarError(f"several logs of one test: {', '.join(several)}; valid: one of each test")
+    for _, record in flights:
+        require_hovers(record)  # before the minutes that a bench test takes
     servos = hovers = None
     for name, record in benches:
         steps = count(1)

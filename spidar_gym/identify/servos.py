@@ -37,6 +37,8 @@ DELAY_FLOOR = 0.0005
 """Deviation of the delay that physics steps leave open [s] [chosen]."""
 MOVES, NEAR = 1e-3, 3
 """Least difference of a command from its predecessor for it to be tried [rad], and commands of which one is lost."""
+ALIKE = {"damping": 0.1}
+"""Deviation of servos of one make from their mean, over it [chosen]."""
 LEFT_OUT = 1.8
 """Factor on the deviations, for the few pieces in which a joint is moved and for what the model leaves out [chosen, on
 robots other than those of the study hidden]."""
@@ -133,7 +135,8 @@ class _Minimisation:
             parameters, begins = self._descend(parameters, begins, on_step)
         misfit = shooting.misfits([(parameters, begins)])[0]
         normal, _, _, scores = self._normal(parameters, begins, misfit)
-        return parameters, self._covariance(normal, scores), float(np.sqrt((misfit**2).mean()))
+        covariance = self._covariance(normal, scores, self._known(parameters)[2])
+        return parameters, covariance, float(np.sqrt((misfit**2).mean()))
 
     def _descend(
         self, parameters: np.ndarray, begins: np.ndarray, on_step: Callable[[float], object]
@@ -194,19 +197,36 @@ class _Minimisation:
         moving = self._moving()
         return float(self._shooting.lost[moving].mean()) if len(moving) else 0.0
 
-    def _covariance(self, normal: np.ndarray, scores: np.ndarray) -> np.ndarray:
+    def _covariance(self, normal: np.ndarray, scores: np.ndarray, known: np.ndarray) -> np.ndarray:
         """Return the covariance of the parameters: errors of a leg in a piece belong together."""
         inverse = np.linalg.inv(normal)
-        spread = inverse @ (scores.T @ scores + np.diag(1.0 / self._spread**2)) @ inverse
+        spread = inverse @ (scores.T @ scores + known) @ inverse
         # Where the scatter of the few pieces is small by chance, the noise of the encoders is the least.
         larger = LEFT_OUT * np.sqrt(np.maximum(1.0, np.diag(inverse) / np.diag(spread)))
         return spread * np.outer(larger, larger)
 
     def _cost(self, misfit: np.ndarray, parameters: np.ndarray, begins: np.ndarray) -> float:
-        known = ((parameters - self._first) / self._spread) ** 2
         state = (begins.reshape(-1, 2, N_LEGS, PER_LEG) / self._state_spread.reshape(2, 1, PER_LEG)) ** 2
         huber = np.where(abs(misfit) < ROBUST, misfit**2, ROBUST * (2.0 * abs(misfit) - ROBUST))
-        return float(huber.sum() + known.sum() + state.sum())
+        return float(huber.sum() + self._known(parameters)[0] + state.sum())
+
+    def _known(self, parameters: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """Return the cost of what is known before, half its negative slope, and its normal matrix.
+
+        Beside the spread of each parameter this is that servos of one make are alike: without it errors of the delay
+        are errors of the damping of those joints that turn a small inertia.
+        """
+        off = (parameters - self._first) / self._spread
+        cost, slope, normal = float(off @ off), -off / self._spread, np.diag(1.0 / self._spread**2)
+        for name, share in ALIKE.items():
+            place = split(np.arange(len(parameters)))[name]
+            logs = np.log(parameters[place])
+            own = (np.eye(len(place)) - 1.0 / len(place)) / parameters[place] / share
+            apart = (logs - logs.mean()) / share
+            cost += float(apart @ apart)
+            slope[place] -= own.T @ apart
+            normal[np.ix_(place, place)] += own.T @ own
+        return cost, slope, normal
 
     def _groups(self) -> list[np.ndarray]:
         """Return the parameters that are varied in one simulation: legs on a stand do not move each other."""
@@ -223,8 +243,7 @@ class _Minimisation:
         """Return the derivatives of the misfits: by parameters (n, 16, p), by a leg's state at the begin (n, 16, 8)."""
         shooting, groups = self._shooting, self._groups()
         vary = np.concatenate(
-            [np.maximum(each.nudge, each.share * own) * np.ones(each.count)
-             for each, own in zip(PARAMETERS, split(parameters).values(), strict=True)]
+            [each.step(own) for each, own in zip(PARAMETERS, split(parameters).values(), strict=True)]
         )  # fmt: skip
         jobs = [(parameters + vary * np.isin(np.arange(len(vary)), group), begins) for group in groups]
         nudge = np.repeat(STATE_NUDGE, PER_LEG)
@@ -250,8 +269,7 @@ class _Minimisation:
         """Return the normal equations of the parameters, what the begins follow from, and each piece's slope."""
         slopes, states = self._slopes(parameters, begins, misfit)
         weight = np.minimum(1.0, ROBUST / np.maximum(abs(misfit), 1e-9))
-        normal = np.diag(1.0 / self._spread**2)
-        slope = (self._first - parameters) / self._spread**2
+        _, slope, normal = self._known(parameters)
         pieces, scores = {}, []
         for k in range(len(self._shooting.begins)):
             rows = self._shooting.piece == k

@@ -56,6 +56,11 @@ class Parameter:
     share: float = 0.0
     """Step of the derivative over the value, where this is more."""
 
+    def step(self, own: np.ndarray) -> np.ndarray:
+        """Return the steps of the derivatives at these values, (count,)."""
+        more = abs(self.nudge) < self.share * own
+        return np.where(more, self.share * own, self.nudge)
+
 
 PARAMETERS = (
     Parameter("delay", 1, 0.03, 0.05, 0.0, TIMESTEP),
@@ -63,7 +68,7 @@ PARAMETERS = (
     Parameter("damping", N_JOINTS, 2.0, 20.0, 0.02, 0.05, 0.05),
     Parameter("friction", N_JOINTS, 0.15, 1.0, 0.0, 0.03, 0.1),
     Parameter("stiffness", N_JOINTS, 175.0, 100.0, 30.0, 3.0),
-    Parameter("speed", N_JOINTS, 0.2, 0.1, 0.02, 0.0008),
+    Parameter("speed", N_JOINTS, 0.2, 0.1, 0.02, -0.0008),  # faster than commands move has no effect
     Parameter("bias", N_JOINTS, 0.0, 0.03, -0.3, 0.001),
     Parameter("link_mass", N_LINKS, 1.0, 0.03, 0.5, 0.03),
     Parameter("link_com_x", N_LINKS, 0.0, 0.004, -0.1, 0.01),

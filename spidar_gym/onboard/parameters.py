@@ -134,6 +134,11 @@ def read_parameters(path: Path) -> np.ndarray:
     return parameters_of(read_file(path, MOST_BYTES))
 
 
+def flight_presets(path: Path) -> list[str]:
+    """Return the names of a file's flight presets (`BorderError` for a file that the runner refuses)."""
+    return _names(read_parameters(path), "flight")
+
+
 def text_of(characters: np.ndarray) -> str:
     """Return the text of a zero-terminated array of characters."""
     return characters.tobytes().partition(b"\0")[0].decode("ascii", "replace")

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,8 @@ from spidar_gym.margins import LATE, with_damping, with_lateness
 from spidar_gym.model.dynamics import Model
 from spidar_gym.onboard.runner_structs import FAULTS, Stage
 from spidar_gym.paper.flight import noisy_robot
-from spidar_gym.sim.randomize import Randomization
+from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.randomize import Randomization, randomize
 from spidar_gym.sitl.course_drive import NOT_SAMPLED
 from spidar_gym.sitl.missions import first_flight_mission, forms_mission
 from spidar_gym.sitl.play import build_for, play
@@ -29,13 +32,29 @@ class Robots:
     """Calibrated world whose kinds come in turn; without any, described robots with noise."""
     damping: float | None = None
     """Damping of the joints without dry friction, with the delay and the lag of `spidar_gym.margins` [Nm s/rad]."""
+    one: int | None = None
+    """Seed of the only robot, which makes all flights with different noise; None for a robot for each flight."""
 
-    def make(self, seed: int) -> Robot | None:
-        """Build the robot with badly damped joints of this seed; None for others, which `play` builds."""
-        if self.damping is None:
-            return None
-        config = noisy_robot(np.random.Generator(np.random.PCG64(seed)))
-        return Robot(with_damping(with_lateness(config, LATE), self.damping), seed=seed)
+    def make(self, seed: int, index: int) -> Robot:
+        """Build the robot of a flight with this seed and index."""
+        rng = np.random.Generator(np.random.PCG64(seed if self.one is None else self.one))
+        if self.damping is not None:
+            config = with_damping(with_lateness(noisy_robot(rng), LATE), self.damping)
+        elif self.world.draws:
+            config = randomize(PlantConfig(), rng, self.kind(index))[0]
+        else:
+            config = noisy_robot(rng)
+        return Robot(config, seed=seed)
+
+    def kind(self, index: int) -> Randomization:
+        """Return the distribution of a flight's robot."""
+        return self.world.in_turn(index if self.one is None else 0)
+
+    def name(self, index: int) -> str:
+        """Return what kind of robot makes a flight."""
+        if self.world.draws:
+            return self.kind(index).name if self.one is None else f"one of {self.world.name}"
+        return "described" if self.damping is None else f"D {self.damping:g}"
 
 
 def first_flight_figures(run: Run, log: RunnerLog, seconds: float) -> dict[str, Any]:
@@ -68,21 +87,21 @@ def first_flight_figures(run: Run, log: RunnerLog, seconds: float) -> dict[str, 
 
 def play_first_flights(
     link: str, presets: Sequence[str], flights: int, robots: Robots, *, seed: int = 0, forms: bool = False,
-    on_flight: Callable[[], object] = lambda: None,
+    parameters: Path | None = None, on_flight: Callable[[], object] = lambda: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Fly a number of robots one after the other, the same ones with each preset; return the figures of each.
 
-    With `forms` they hover in the paper's forms, one after the other, instead of the first flight's mission.
+    With `forms` they hover in the paper's forms, one after the other, instead of the first flight's mission. With a
+    file of `parameters` the presets are those of the file.
     """
     rows, runner = list[dict[str, Any]](), build_for(link)
     for preset in presets:
         for k in range(flights):
-            own = robots.world.in_turn(k)
             mission = forms_mission(preset) if forms else first_flight_mission(preset)
-            played = play(mission, link, seed=seed + k, robots=own, robot=robots.make, runner=runner)
-            kind = own.name if own.world else "described" if robots.damping is None else f"D {robots.damping:g}"
+            make = partial(robots.make, index=k)
+            played = play(mission, link, seed=seed + k, robot=make, runner=runner, parameters=parameters)
             figures = first_flight_figures(played.run, played.log, mission.seconds)
-            rows.append({"preset": preset, "robot": kind, "seed": seed + k, **figures})
+            rows.append({"preset": preset, "robot": robots.name(k), "seed": seed + k, **figures})
             on_flight()
     return rows
 

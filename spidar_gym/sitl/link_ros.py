@@ -74,13 +74,18 @@ class RosLink:
             self.close()
             raise
 
-    def appear(self, seconds: float) -> None:
-        """Publish the hash of the robot's model; start its clock, which stamps messages, at this time [s]."""
+    def appear(self, seconds: float, model: str | None = None) -> None:
+        """Publish the hash of the robot's model; start its clock, which stamps messages.
+
+        Args:
+            seconds: Time of the robot's clock [s].
+            model: Hash of the model; the nominal one by default.
+        """
         # A real robot's sensors do not wait for a busy machine. The priority is optional: it may not be permitted.
         with contextlib.suppress(PermissionError):
             for process in (0, self._node.pid):
                 os.setpriority(os.PRIO_PROCESS, process, -10)
-        self._ask("parameter", "spidar_model_sha256", model_hash())
+        self._ask("parameter", "spidar_model_sha256", model or model_hash())
         self._base = time.time_ns() - round(seconds * 1e9)
         self._ask("clock", self._base)
 

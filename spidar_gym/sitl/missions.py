@@ -85,7 +85,6 @@ def _form(start: float, q: Iterable[float]) -> str:
 
 def flight_mission(preset: str = "as_flown", *, odometry: bool = False, residual: bool = False) -> Mission:
     """Build the paper's flight: ① for 4 s, ②, ③ without a stop, and the two windows without interference rows."""
-    controller_config(preset)
     # The paper's sequence uses no random numbers.
     forms = draw_start(HoverTask(forms="paper"), np.random.Generator(np.random.PCG64(0))).goals
     lines = [f"flight {preset}", *_switches(odometry, residual), _form(0.0, forms[0].joint_target)]
@@ -109,7 +108,6 @@ def first_flight_mission(preset: str = "first_flight", seconds: float = 40.0) ->
         preset: Controller preset.
         seconds: Duration; in the second half the legs move to form ① [s].
     """
-    controller_config(preset)
     lines = [f"flight {preset}", "trim off", "tilt 0.4", "deviation 0.3", "fence -1.5 -1.5 -0.2 1.5 1.5 2"]
     lines += [_form(0.5 * seconds, np.zeros(N_JOINTS)), f"end {seconds:g}", ""]
     return Mission("first_flight", preset, "\n".join(lines), seconds)
@@ -145,7 +143,6 @@ def thrust_mission(preset: str = "as_flown", seconds: float = 72.0) -> Mission:
         preset: Controller preset, best one with little bandwidth.
         seconds: Duration, half of it in each form [s].
     """
-    controller_config(preset)
     half = 0.5 * seconds
     lines = [f"flight {preset}", "deviation 0.3", _form(0.0, np.zeros(N_JOINTS)), _form(half, FORMS["form2"])]
     lines += [f"heading {half:g} {0.5 * np.pi:.6f}"]
@@ -157,7 +154,6 @@ def thrust_mission(preset: str = "as_flown", seconds: float = 72.0) -> Mission:
 
 def legs_mission(preset: str = "as_flown", seconds: float = 40.0) -> Mission:
     """Build the test of the legs in a hover: chirps of one joint after the other, all legs at once."""
-    controller_config(preset)
     part = (seconds - PREPARE) / N_LEGS
     lines = [f"flight {preset}", "deviation 0.2", _form(0.0, np.zeros(N_JOINTS))]
     for joint in range(N_LEGS):
@@ -171,7 +167,6 @@ def legs_mission(preset: str = "as_flown", seconds: float = 40.0) -> Mission:
 
 def forms_mission(preset: str = "as_flown", seconds: float = 60.0) -> Mission:
     """Build a hover in each of the paper's forms, a third of the time each."""
-    controller_config(preset)
     lines = [f"flight {preset}", *(_form(k * seconds / 3, form) for k, form in enumerate(FORMS.values()))]
     return Mission("forms", preset, "\n".join([*lines, f"end {seconds:g}", ""]), seconds)
 

@@ -77,9 +77,10 @@ def play(
     fault: str | None = None,
     phase: str = "",
     robots: Randomization = NOT_SAMPLED,
-    robot: Callable[[int], Robot | None] = lambda seed: None,
+    robot: Callable[[int], Robot] | None = None,
     silent: Collection[str] = (),
     runner: Path | None = None,
+    parameters: Path | None = None,
     log: Path | None = None,
     on_tick: Callable[[], object] = lambda: None,
 ) -> Played:
@@ -92,9 +93,10 @@ def play(
         fault: Name of a fault, which begins 3 s after the take-over unless `phase` is given.
         phase: Phase of a course in which the fault begins.
         robots: Distribution of the robot, as for `make_robot`.
-        robot: Returns the robot of a seed instead, or None.
+        robot: Returns the robot of a seed instead.
         silent: Topics that this robot does not publish.
         runner: The runner's program; the one built from the present sources by default.
+        parameters: Parameter file that the runner reads; the compiled parameters by default.
         log: File for the runner's log; a temporary one by default.
         on_tick: Called 40 times a second of the robot, for progress.
 
@@ -119,18 +121,18 @@ def play(
         # In real time, repeat the run when the machine stalled: a simulation that pauses in mid-air is no valid test.
         for _ in range(TRIES):
             session = Session(
-                robot(seed) or make_robot(mission, seed, robots),
+                make_robot(mission, seed, robots) if robot is None else robot(seed),
                 mission,
                 copy.deepcopy(injector),
                 on_tick,
                 silent=silent,
             )
             if link == "socket":
-                run = socket_session(session, runner, text, written)
+                run = socket_session(session, runner, text, written, parameters=parameters)
             else:
                 from spidar_gym.sitl.link_ros import RosLink  # imported only where ROS is used
 
-                run = ros_session(session, runner, text, written, RosLink())
+                run = ros_session(session, runner, text, written, RosLink(), parameters=parameters)
             # Also repeat it when the run ended before the fault was injected.
             came = injector is None or run.fault_at < np.inf
             if run.late <= LATE and (came or link == "socket"):

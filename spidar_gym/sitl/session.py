@@ -15,7 +15,9 @@ import numpy as np
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.errors import SpidarError
 from spidar_gym.onboard.messages import ORDERS, Message
+from spidar_gym.onboard.parameters import read_parameters, text_of
 from spidar_gym.onboard.runner_structs import STAGES, FlightState, Stage
+from spidar_gym.robot.description import model_hash
 from spidar_gym.sim.ground import Touch
 from spidar_gym.sitl.faults import LONG_STALL, STALL, Injector
 from spidar_gym.sitl.link_socket import SocketLink
@@ -260,13 +262,27 @@ def tilt_of(state: RobotState) -> float:
     return float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)))
 
 
+def _reading(parameters: Path | None) -> list[str]:
+    """Return the runner's arguments that make it read a parameter file."""
+    return [] if parameters is None else ["--parameters", str(parameters)]
+
+
+def _model_of(parameters: Path | None) -> str:
+    """Return the hash of the model that a parameter file describes; that of the nominal robot without a file."""
+    return model_hash() if parameters is None else text_of(read_parameters(parameters)["model"])
+
+
 def socket_session(
-    session: Session, runner_path: Path, mission_path: Path, log: Path, *, link: SocketLink | None = None
+    session: Session, runner_path: Path, mission_path: Path, log: Path, *,
+    link: SocketLink | None = None, parameters: Path | None = None,
 ) -> Run:  # fmt: skip
-    """Run over the socket in lock-step, as fast as possible; a stalled runner receives no input."""
-    link = link or SocketLink(silent=session.silent)
+    """Run over the socket in lock-step, as fast as possible; a stalled runner receives no input.
+
+    With `parameters`, a file, the runner reads them, and the robot reports their model's hash.
+    """
+    link = link or SocketLink(silent=session.silent, model=_model_of(parameters))
     command = [str(runner_path), "sim", link.place, str(mission_path), "--log", str(log)]
-    runner = Runner(command)
+    runner = Runner([*command, *_reading(parameters)])
     robot, asleep, answers = session.robot, 0.0, []
     try:
         try:
@@ -303,11 +319,16 @@ def ros_session(
     mission_path: Path,
     log: Path,
     link: Any,  # noqa: ANN401 - a RosLink, whose module needs ROS
+    *,
+    parameters: Path | None = None,
 ) -> Run:
-    """Run through ROS 1 in real time, with robot and runner in separate processes with separate clocks."""
-    command = [str(runner_path), "ros1", str(mission_path), "--log", str(log)]
+    """Run through ROS 1 in real time, with robot and runner in separate processes with separate clocks.
+
+    `parameters` is as for `socket_session`.
+    """
+    command = [str(runner_path), "ros1", str(mission_path), "--log", str(log), *_reading(parameters)]
     robot, wake = session.robot, np.inf
-    link.appear(robot.time)
+    link.appear(robot.time, _model_of(parameters))
     start = clock.monotonic() - robot.time
     runner = Runner(command, link.environment())
     try:
