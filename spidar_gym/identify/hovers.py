@@ -33,12 +33,17 @@ SPREAD = {
 encoders' stamps [s]; factor on the mass of a link; tilt of a thrust, vectoring offset and ducts together [rad]; shift
 of a centre of mass [m]; steady horizontal force in world axes, a tilted frame of the motion capture included [N];
 steady force [N] and torque [Nm] of the air in a form, torso axes."""
+COUNTS = {
+    "gain": N_ROTORS, "lag": N_ROTORS, "delay": 1, "accelerometer": 1, "encoder": 1, "link_mass": N_LINKS,
+    "tilt": 2 * N_ROTORS, "torso_com": 3, "link_com": 3 * N_LINKS, "wind": 2,
+}  # fmt: skip
+"""Number of unknowns by name; the steady air follows, six for each form."""
 LAG_FLOOR = 0.001
 """Deviation of all lags that time stamps and physics steps leave open [s] [chosen]."""
 NUDGE = 1e-3
 """Step of derivatives by lags and delays [s]."""
-STEPS = 6
-"""Steps of the regression."""
+STEPS, MOST_STEP = 6, 0.02
+"""Steps of the regression, and largest step of a lag [s]."""
 APART = (3, 5)
 """Distances of the bins whose amplitudes measure the noise from a swing's frequency [bins of the span's length]."""
 STILL, TURNING = 0.02, 0.1
@@ -144,94 +149,106 @@ def fit_hovers(
     Raises:
         UnfitLogError: For a log in which a module's thrust does not swing, or without a steady hover.
     """
-    swings = _swings(record)
+    evidence = _Evidence(record, motion_of(record))
     flight = _Flight(record, mass, robot, on_step)
-    motion, driven = flight.motion, driven_span(record)
-    hovers = _hovers(motion, driven)
-    forms = sorted({form for form, _ in hovers})
-    tones = [_tone(motion.time, span, frequency) for frequency, span in swings]
-    noise_tones = [
-        _tone(motion.time, span, frequency + side * bins / (span[1] - span[0]))
-        for frequency, span in swings for bins in range(*APART) for side in (-1.0, 1.0)
-    ]  # fmt: skip
-    gain, lag, late = np.ones(N_ROTORS), np.full(N_ROTORS, FIRST_LAG), float(delay.value)
-    value = covariance = before = np.zeros(0)
-    index: dict[str, slice] = {}
+    unknowns = _Unknowns(delay, len(evidence.forms))
     missing = np.zeros(0)
     for _ in range(STEPS):
-        missing, columns = flight.missing(gain, lag, late), flight.columns(gain, lag, late)
-        columns["air"] = np.zeros((0, 6, 6 * len(forms)))
-        index = _index({name: own.shape[2] for name, own in columns.items()})
-        before = _before(index, float(delay.deviation), len(forms))
-        first = np.zeros(len(before))
-        first[index["gain"]], first[index["lag"]] = 1.0 - gain, FIRST_LAG - lag
-        first[index["delay"]] = float(delay.value) - late
-        rows, values, weights = [], [], []
-        off = np.array([_amplitude(tone, missing) for tone in noise_tones])  # (k, 2, 6)
-        whiten = np.linalg.cholesky(np.linalg.inv(np.einsum("kci,kcj->ij", off, off) / (2 * len(off)))).T
-        for tone in tones:
-            own = np.concatenate([_amplitude(tone, columns[name]) for name in columns if name != "air"], axis=-1)
-            own = np.concatenate([own, np.zeros((2, 6, 6 * len(forms)))], axis=-1)
-            rows.append((whiten @ own).reshape(12, -1))
-            values.append((_amplitude(tone, missing) @ whiten.T).reshape(12))
-            weights.append(np.ones(12))
-        for (form, chosen), deviation in zip(hovers, _deviations(missing, hovers), strict=True):
-            air = np.zeros((6, len(forms), 6))
-            air[:, forms.index(form)] = -np.eye(6)
-            own = [columns[name][chosen].mean(axis=0) for name in columns if name != "air"]
-            rows.append(np.concatenate([*own, air.reshape(6, -1)], axis=-1))
-            values.append(missing[chosen].mean(axis=0))
-            weights.append(1.0 / deviation)
-        weight = np.concatenate(weights)
-        A, y = np.concatenate(rows) * weight[:, None], -np.concatenate(values) * weight
-        normal = A.T @ A + np.diag(1.0 / before**2)
-        value = np.linalg.solve(normal, A.T @ y + first / before**2)
-        covariance = np.linalg.inv(normal)
-        gain = gain + value[index["gain"]]
-        lag = np.clip(lag + np.clip(value[index["lag"]], -0.02, 0.02), LEAST_LAG, MOST_LAG)
-        late = late + float(value[index["delay"]][0])
+        now = unknowns.gain, unknowns.lag, unknowns.late
+        missing = flight.missing(*now)
+        unknowns.update(*evidence.equations(missing, flight.columns(*now)))
         on_step()
-    covariance[index["lag"], index["lag"]] += LAG_FLOOR**2
-    deviation = np.sqrt(np.diag(covariance))
-
-    def found(name: str, shape: tuple[int, ...], start: np.ndarray | float = 0.0) -> Estimate:
-        own = index[name]
-        value_ = start if isinstance(start, np.ndarray) else value[own]
-        return Estimate(value_.reshape(shape), deviation[own].reshape(shape), before[own].reshape(shape))
-
-    def mean(name: str, values: np.ndarray) -> Estimate:
-        own = index[name]
-        own_mean = values.mean(), np.sqrt(covariance[own, own].mean()), before[own].mean()
-        return Estimate(*map(np.array, own_mean))
-
+    motion, driven = flight.motion, driven_span(record)
     slow, slow_time = _slow(missing[(motion.time > driven[0]) & (motion.time < driven[1])])
+    found = unknowns.estimate
     return Hovers(
-        found("gain", (N_ROTORS,), gain), mean("gain", gain), found("lag", (N_ROTORS,), lag), mean("lag", lag),
-        found("tilt", (N_ROTORS, 2)), found("torso_com", (3,)), found("wind", (2,)), found("air", (len(forms), 6)),
-        np.array(forms), len(hovers), slow, slow_time,
+        found("gain", (N_ROTORS,)), unknowns.mean("gain"), found("lag", (N_ROTORS,)), unknowns.mean("lag"),
+        found("tilt", (N_ROTORS, 2)), found("torso_com", (3,)), found("wind", (2,)),
+        found("air", (len(evidence.forms), 6)), np.array(evidence.forms), len(evidence.hovers), slow, slow_time,
     )  # fmt: skip
+
+
+class _Evidence:
+    """What a flight says about the unknowns: linear equations from the swings' amplitudes and the means of hovers."""
+
+    def __init__(self, record: Record, motion: Motion) -> None:
+        swings = _swings(record)
+        self.hovers = _hovers(motion, driven_span(record))
+        self.forms = sorted({form for form, _ in self.hovers})
+        self._tones = [_tone(motion.time, span, frequency) for frequency, span in swings]
+        self._noise = [
+            _tone(motion.time, span, frequency + side * bins / (span[1] - span[0]))
+            for frequency, span in swings for bins in range(*APART) for side in (-1.0, 1.0)
+        ]  # fmt: skip
+
+    def equations(self, missing: np.ndarray, columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return weighted rows, in the order of `COUNTS`, and values, whose difference has a deviation of 1.
+
+        Args:
+            missing: Missing wrench (n, 6).
+            columns: Its derivative by the unknowns but for the steady air, by name, (n, 6, count) each.
+        """
+        rows, values = [], []
+        own = np.concatenate([columns[name] for name in COUNTS], axis=-1)
+        still = np.zeros((6, 6 * len(self.forms)))  # steady air has no amplitude at a swing
+        off = np.array([_amplitude(tone, missing) for tone in self._noise])  # (k, 2, 6)
+        whiten = np.linalg.cholesky(np.linalg.inv(np.einsum("kci,kcj->ij", off, off) / (2 * len(off)))).T
+        for tone in self._tones:
+            for amplitudes, off_ in zip(_amplitude(tone, own), _amplitude(tone, missing), strict=True):
+                rows.append(whiten @ np.concatenate([amplitudes, still], axis=-1))
+                values.append(whiten @ off_)
+        for (form, chosen), deviation in zip(self.hovers, _deviations(missing, self.hovers), strict=True):
+            air = np.kron(np.eye(len(self.forms))[self.forms.index(form)], -np.eye(6))
+            rows.append(np.concatenate([own[chosen].mean(axis=0), air], axis=-1) / deviation[:, None])
+            values.append(missing[chosen].mean(axis=0) / deviation)
+        return np.concatenate(rows), -np.concatenate(values)
+
+
+class _Unknowns:
+    """The unknowns of a flight: what is known before, and step by step the estimate with its covariance."""
+
+    def __init__(self, delay: Estimate, forms: int) -> None:
+        counts = {**COUNTS, "air": 6 * forms}
+        ends = np.cumsum(list(counts.values())).tolist()
+        self._place = {name: slice(end - own, end) for (name, own), end in zip(counts.items(), ends, strict=True)}
+        self._delay, self.late = float(delay.value), float(delay.value)
+        self.gain, self.lag = np.ones(N_ROTORS), np.full(N_ROTORS, FIRST_LAG)
+        self._before = np.concatenate([np.full(own, SPREAD.get(name, 0.0)) for name, own in counts.items()])
+        self._before[self._place["delay"]] = max(float(delay.deviation), 1e-5)
+        self._before[self._place["air"]] = np.tile(np.repeat([SPREAD["air_force"], SPREAD["air_torque"]], 3), forms)
+        self._value, self._covariance = np.zeros(ends[-1]), np.diag(self._before**2)
+
+    def update(self, rows: np.ndarray, values: np.ndarray) -> None:
+        """Take a step by equations at the present gains, lags and delay."""
+        place, first = self._place, np.zeros(len(self._before))
+        first[place["gain"]], first[place["lag"]] = 1.0 - self.gain, FIRST_LAG - self.lag
+        first[place["delay"]] = self._delay - self.late
+        normal = rows.T @ rows + np.diag(1.0 / self._before**2)
+        self._value = value = np.linalg.solve(normal, rows.T @ values + first / self._before**2)
+        self._covariance = np.linalg.inv(normal)
+        self._covariance[place["lag"], place["lag"]] += LAG_FLOOR**2
+        self.gain = self.gain + value[place["gain"]]
+        self.lag = np.clip(self.lag + np.clip(value[place["lag"]], -MOST_STEP, MOST_STEP), LEAST_LAG, MOST_LAG)
+        self.late += float(value[place["delay"]][0])
+
+    def estimate(self, name: str, shape: tuple[int, ...]) -> Estimate:
+        """Return the estimate of an unknown."""
+        own = self._place[name]
+        value = {"gain": self.gain, "lag": self.lag}.get(name, self._value[own])
+        deviation = np.sqrt(np.diag(self._covariance))[own]
+        return Estimate(value.reshape(shape), deviation.reshape(shape), self._before[own].reshape(shape))
+
+    def mean(self, name: str) -> Estimate:
+        """Return the estimate of an unknown's mean."""
+        own, each = self._place[name], self.estimate(name, (-1,))
+        deviation = np.sqrt(self._covariance[own, own].mean())
+        return Estimate(np.array(each.value.mean()), np.array(deviation), np.array(each.known.mean()))
 
 
 def require_hovers(record: Record) -> None:
     """Require a log that `fit_hovers` takes (`UnfitLogError` for another one)."""
     _swings(record)
     _hovers(motion_of(record), driven_span(record))
-
-
-def _index(counts: Mapping[str, int]) -> dict[str, slice]:
-    """Return the places of unknowns in the vector, by name."""
-    ends = np.cumsum(list(counts.values()))
-    return {name: slice(end - count, end) for (name, count), end in zip(counts.items(), ends.tolist(), strict=True)}
-
-
-def _before(index: Mapping[str, slice], delay: float, forms: int) -> np.ndarray:
-    """Return the standard deviations of the unknowns before the log."""
-    found = np.empty(max(own.stop for own in index.values()))
-    for name, own in index.items():
-        found[own] = SPREAD.get(name, 0.0)
-    found[index["delay"]] = max(delay, 1e-5)
-    found[index["air"]] = np.tile(np.repeat([SPREAD["air_force"], SPREAD["air_torque"]], 3), forms)
-    return found
 
 
 def _swings(record: Record) -> list[tuple[float, tuple[float, float]]]:
