@@ -48,7 +48,7 @@ class Robots:
 
     def kind(self, index: int) -> Randomization:
         """Return the distribution of a flight's robot."""
-        return self.world.in_turn(index if self.one is None else 0)
+        return self.world.in_turn(index) if self.one is None else self.world
 
     def name(self, index: int) -> str:
         """Return what kind of robot makes a flight."""

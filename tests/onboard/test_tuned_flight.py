@@ -1,0 +1,44 @@
+"""Pins the guide's way from a log to the tuned flight: its commands in their order, against the simulated robot."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from support.needs import needs_compiler
+
+from spidar_gym.cli.main import main
+from spidar_gym.onboard.parameters import flight_presets
+from spidar_gym.sim.worlds import read_world
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "onboard" / "tuned_flight.md").read_text(encoding="utf-8")
+(ROBOT,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+COMMANDS = [line for block in re.findall(r"```bash\n(.*?)```", PAGE, re.DOTALL) for line in block.splitlines()]
+SHORT = (
+    (" tests/bench.log tests/thrust.log", " tests/thrust.log"),
+    ("--generations 30 --scenarios 2", "--generations 1 --scenarios 1"),
+    ("--presets first_flight steady --out", "--presets steady --fragile --out"),
+    ("--flights 50", "--flights 1"),
+    ("--flights 5", "--flights 1"),
+    ("tuned_here steady first_flight", "tuned_here"),
+    ("--policy", "--scenarios 1 --policy"),
+)
+"""What CI shortens, and how: an identification of the joints, a search and many flights take an hour."""
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_the_commands_lead_from_logs_to_a_tuned_flight(tmp_path, monkeypatch, request):
+    monkeypatch.chdir(tmp_path)
+    Path("damped.toml").write_text(ROBOT, encoding="utf-8")
+    for line in COMMANDS:
+        for long, short in () if request.config.getoption("whole") else SHORT:
+            line = line.replace(long, short)
+        program, *words = shlex.split(line)
+        assert program == "spidar"
+        main(words)
+    assert read_world(Path("identified/robot.toml")).robot.described_mass == pytest.approx(16.3)
+    assert "tuned_here" in flight_presets(Path("robot.txt"))
+    flights = json.loads(Path("out/sitl-first-flights/first_flights.json").read_text(encoding="utf-8"))["flights"]
+    assert all(row["stayed_up"] for row in flights)
