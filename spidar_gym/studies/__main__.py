@@ -32,6 +32,7 @@ from spidar_gym.studies import lost as lost_study
 from spidar_gym.studies import margins as margin_study
 from spidar_gym.studies import reality as reality_study
 from spidar_gym.studies import sagging as sagging_study
+from spidar_gym.studies import searches as search_study
 from spidar_gym.studies import steps as step_study
 from spidar_gym.tasks.hover import RANGES
 from spidar_gym.text import format_table
@@ -124,6 +125,30 @@ def hidden(
     with progress(total=2 * robots, unit="step", desc="hidden") as bar, kept(goes_on(bar, folder)):
         rows = hidden_study.hidden(folder, robots, world=world, threads=threads, on_step=named_steps(bar))
     print(published(folder, "hidden", {"hidden": rows}, format_table(hidden_study.hidden_lines(rows)), json))
+
+
+@app.command
+def searches(
+    hidden: Path = Path("out/hidden"), robots: int = 3, generations: int = 12, scenarios: int = 1,
+    workers: int = cpu_count(), out: Path = Path("out/searches"), json: JsonArg = False,
+) -> None:  # fmt: skip
+    """Tune a controller on identified robots of the study hidden and twice on the true ones, and compare; resumable.
+
+    Args:
+        hidden: Folder of the study hidden, with its reports; it keeps the searches.
+        robots: Number of its robots, from the first.
+        generations: Generations of each of three searches per robot; one takes half a minute of one core.
+        scenarios: Scenarios per track of the searches; the comparison has twice as many.
+        workers: Number of processes.
+        out: Folder for searches.json.
+    """
+    require_least(1, robots=robots, generations=generations, scenarios=scenarios, workers=workers)
+    folder, total = output_folder(out), search_study.steps_of(robots, generations)
+    with progress(total=total, unit="play", desc="searches") as bar, kept(goes_on(bar, hidden)):
+        rows = search_study.searches(
+            hidden, robots, generations=generations, scenarios=scenarios, workers=workers, on_step=bar.update
+        )
+    print(published(folder, "searches", {"searches": rows}, format_table(search_study.search_lines(rows)), json))
 
 
 @app.command

@@ -64,7 +64,7 @@ def sample(folder: Path, robots: int, world: str = WORLD) -> None:
 
 def fly(folder: Path, k: int) -> None:
     """Fly the tests with a robot, unless its logs exist; the logs are converted to MCAP."""
-    row = _sealed(folder)[k]
+    row = sealed_robots(folder)[k]
     own, how = output_folder(folder / "logs" / f"{k:02}"), Randomization.parse(row["robots"])
     for name in LISTED:
         target = own / f"{name}.mcap"
@@ -75,7 +75,7 @@ def fly(folder: Path, k: int) -> None:
                 raise SpidarError(f"robot {k}: the test {name} ended with a forced landing: {played.run.board}")
             write_mcap(read_log(raw), target)
             raw.unlink()
-    config = _config(row)
+    config = robot_of(row)
     reading = config.body.total_mass + SCALE * np.random.Generator(np.random.PCG64([row["seed"], 1])).standard_normal()
     write_text(own / "scale.txt", f"{reading:.3f}")
 
@@ -109,22 +109,22 @@ def score(folder: Path) -> list[dict[str, Any]]:
         folder / "reports.sha256",
         "".join(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.parent.name}/{path.name}\n" for path in paths),
     )
-    rows = _sealed(folder)
+    rows = sealed_robots(folder)
     if len(rows) != count:
         raise SpidarError(f"{count} reports of {len(rows)} robots; valid: all, by the same command")
     found = []
     for k, (row, path) in enumerate(zip(rows, paths, strict=True)):
         content = parse_json(read_file(path, MOST_BYTES))
-        truth = _truth(_config(row))
+        truth = truth_of(robot_of(row))
         for listed in LISTED.values():
             for name in listed:
                 lines = [line for line in content["parameters"] if line["parameter"] == name]
-                found.append({"robot": k, "kind": row["robots"].partition(":")[2], "parameter": name}
+                found.append({"robot": k, "kind": row["robots"].partition(":")[2], "seed": row["seed"], "parameter": name}
                              | _compared(name, lines, truth[name]))  # fmt: skip
     return found
 
 
-def _sealed(folder: Path) -> list[dict[str, Any]]:
+def sealed_robots(folder: Path) -> list[dict[str, Any]]:
     """Read the sealed robots; their hash is checked."""
     path = folder / "sealed" / "robots.json"
     data = read_file(path, MOST_BYTES)
@@ -133,13 +133,13 @@ def _sealed(folder: Path) -> list[dict[str, Any]]:
     return json.loads(data)["robots"]
 
 
-def _config(row: dict[str, Any]) -> PlantConfig:
+def robot_of(row: dict[str, Any]) -> PlantConfig:
     """Return a sealed robot, as `sitl.play.make_robot` samples it."""
     rng = np.random.Generator(np.random.PCG64(row["seed"]))
     return randomize(PlantConfig(), rng, Randomization.parse(row["robots"]))[0]
 
 
-def _truth(config: PlantConfig) -> dict[str, np.ndarray]:
+def truth_of(config: PlantConfig) -> dict[str, np.ndarray]:
     """Return the listed parameters of a robot."""
     a = config.actuators
     # Delays are rounded to physics steps; the mean of the rounded jitter is that of an engine's samples.

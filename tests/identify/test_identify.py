@@ -64,6 +64,15 @@ def holds(lines, key, truth, times=1.5):
 
 @needs_compiler
 @pytest.mark.slow
+def test_a_flight_without_a_steady_hover_is_refused_before_the_bench_test_is_fitted(logs, monkeypatch):
+    monkeypatch.setattr("spidar_gym.identify.identify.fit_servos", None)
+    monkeypatch.setattr("spidar_gym.identify.hovers.STILL", 0.0)
+    with pytest.raises(UnfitLogError, match="no steady hover of 6 s"):
+        identify([(name, read_log(logs / f"{name}.log")) for name in ("bench", "thrust")])
+
+
+@needs_compiler
+@pytest.mark.slow
 def test_logs_tell_servos_and_modules(out):
     lines = json.loads((out / "report.json").read_text(encoding="utf-8"))["parameters"]
     gain = randomize(PlantConfig(), np.random.Generator(np.random.PCG64(5)), robots())[0].actuators

@@ -19,7 +19,8 @@ from spidar_gym.logs.runner_log import read_runner_log
 from spidar_gym.native.compiler import compiler
 from spidar_gym.native.recipe import FLAGS
 from spidar_gym.onboard.build import arguments, build_runner
-from spidar_gym.onboard.export import EVERY, export_files, write_files
+from spidar_gym.onboard.export import EVERY, EXPORTED, export_files, write_files
+from spidar_gym.onboard.parameters import parameters_record, parameters_text
 from spidar_gym.onboard.runner_structs import log_layouts
 from spidar_gym.paper.flight import PAPER_FLIGHT
 from spidar_gym.policies.artifact import write_artifact
@@ -202,12 +203,21 @@ def answers(path):
 
 
 @pytest.mark.slow
-def test_a_run_is_the_same_bytes_every_time(tmp_path):
-    for name in ("a", "b"):
-        sitl("sitl", "crawl", "--link", "socket", "--distance", "0.1", "--seed", 3, "--json", "--out", tmp_path / name)
-    one, two = (answers(tmp_path / name / "run.log") for name in ("a", "b"))
+def test_a_run_is_the_same_bytes_every_time_and_with_the_compiled_parameters_in_a_file(tmp_path):
+    words = ("sitl", "crawl", "--link", "socket", "--distance", "0.1", "--seed", 3, "--json")
+    own = {"a": (), "b": (), "file": ("--parameters", nominal(tmp_path))}
+    for name, more in own.items():
+        sitl(*words, *more, "--out", tmp_path / name)
+    one, *others = (answers(tmp_path / name / "run.log") for name in own)
     assert len(one) > 300
-    assert one == two
+    assert others == [one, one]
+
+
+def nominal(folder):
+    """Write the nominal robot's parameters; return the file."""
+    path = folder / "nominal.txt"
+    path.write_bytes(parameters_text(parameters_record(presets=EXPORTED)))
+    return path
 
 
 def check_reaction(row):
@@ -371,8 +381,8 @@ def sitl_in_real_time(*words):
 @ros
 @pytest.mark.slow
 def test_a_course_through_ros_in_real_time(tmp_path):
-    """A course uses both gaits and orders, so that messages are sent on every topic."""
-    ours = sitl_in_real_time("course", "--out", tmp_path)["course"]
+    """A course uses both gaits and orders, so that messages are sent on every topic; parameters come from a file."""
+    ours = sitl_in_real_time("course", "--parameters", nominal(tmp_path), "--out", tmp_path)["course"]
     check_course(ours)
     assert ours["timing"]["wait_median_us"] < 5000.0
 
