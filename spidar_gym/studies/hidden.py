@@ -119,8 +119,8 @@ def score(folder: Path) -> list[dict[str, Any]]:
         for listed in LISTED.values():
             for name in listed:
                 lines = [line for line in content["parameters"] if line["parameter"] == name]
-                found.append({"robot": k, "kind": row["robots"].partition(":")[2], "seed": row["seed"], "parameter": name}
-                             | _compared(name, lines, truth[name]))  # fmt: skip
+                own = {"robot": k, "kind": row["robots"].partition(":")[2], "seed": row["seed"], "parameter": name}
+                found.append(own | _compared(name, lines, truth[name]))
     return found
 
 
