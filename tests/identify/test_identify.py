@@ -1,10 +1,12 @@
 """Checks identification: from logs of a bench test and of swinging thrusts to the robot's parameters and its file."""
 
 import json
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.needs import needs_compiler
 
 import spidar_gym  # noqa: F401 - registers the environments
@@ -13,9 +15,10 @@ from spidar_gym.identify.estimate import Estimate, UnfitLogError
 from spidar_gym.identify.excitation import excitations_of, excited
 from spidar_gym.identify.hovers import lagged
 from spidar_gym.identify.identify import identify
+from spidar_gym.identify.motion import Dynamics, Motion
 from spidar_gym.logs.open import read_log
 from spidar_gym.onboard.runner_structs import Excited
-from spidar_gym.robot import N_JOINTS, ROBOT, RobotSpec
+from spidar_gym.robot import GRAVITY, N_JOINTS, N_LINKS, ROBOT, RobotSpec
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.randomize import Randomization, randomize
 from spidar_gym.sim.worlds import FOLDER, read_world
@@ -203,3 +206,25 @@ def test_wrong_values_of_a_world_are_refused(tmp_path, lines, words):
     with pytest.raises(Exception, match=words) as error:
         Randomization.parse(path)
     assert "\n" not in str(error.value)
+
+
+def test_a_shifted_centre_of_mass_changes_the_needed_wrench_as_the_regression_assumes():
+    rng = np.random.Generator(np.random.PCG64(1))
+    n, still = 4, np.zeros((4, 3))
+    R_wb = Rotation.random(n, random_state=1).as_matrix()
+    motion = Motion(
+        0.01 * np.arange(n), R_wb, still, still, R_wb.transpose(0, 2, 1) @ [0.0, 0.0, GRAVITY],
+        rng.uniform(-0.5, 0.5, (n, 32)), np.zeros((n, 32)), np.zeros((n, 32)),
+    )  # fmt: skip
+    config = PlantConfig()
+    needed, module, com = Dynamics(config).parts(motion)
+    # At rest the robot needs its weight, upwards, and nothing else about its centre of mass.
+    assert np.allclose(needed[:, :3], GRAVITY * config.body.total_mass * R_wb[:, 2], atol=1e-9)
+    shift = rng.uniform(-0.01, 0.01, (1 + N_LINKS, 3))
+    moved = replace(config, body=replace(config.body, torso_com=shift[0], link_com=shift[1:]))
+    expected = needed - np.einsum("nwbc,bc->nw", com, shift)
+    assert np.allclose(Dynamics(moved).needed(motion), expected, atol=1e-9)
+    assert not np.allclose(needed, expected, atol=1e-2)
+    # Forces of 1 N along the axes of a module are orthonormal in the torso's axes.
+    forces = module[:, :3].transpose(0, 2, 3, 1)
+    assert np.allclose(forces @ forces.swapaxes(-1, -2), np.eye(3), atol=1e-12)
