@@ -108,14 +108,15 @@ def hops(
 
 @app.command
 def hidden(
-    robots: int = 20, world: str = hidden_study.WORLD, out: Path = Path("out/hidden"), threads: int = cpu_count(),
-    json: JsonArg = False,
+    robots: int = 20, world: str = hidden_study.WORLD, again: Path | None = None, out: Path = Path("out/hidden"),
+    threads: int = cpu_count(), json: JsonArg = False,
 ) -> None:  # fmt: skip
     """Identify robots whose parameters are sealed, from the logs of their tests, and compare afterwards; resumable.
 
     Args:
         robots: Number of robots, sampled with a seed of the operating system; one takes about 4 minutes of one core.
         world: Calibrated world, or one kind of its robots.
+        again: File hidden.json of a former result, whose robots are identified once more.
         out: Folder for logs, reports, their hashes, the sealed parameters, and hidden.json.
         threads: Threads of an identification.
     """
@@ -123,7 +124,7 @@ def hidden(
     require_world(world.partition(":")[0])
     folder = output_folder(out)
     with progress(total=2 * robots, unit="step", desc="hidden") as bar, kept(goes_on(bar, folder)):
-        rows = hidden_study.hidden(folder, robots, world=world, threads=threads, on_step=named_steps(bar))
+        rows = hidden_study.hidden(folder, robots, world=world, again=again, threads=threads, on_step=named_steps(bar))
     print(published(folder, "hidden", {"hidden": rows}, format_table(hidden_study.hidden_lines(rows)), json))
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.border import parse_json, read_file
+from spidar_gym.border import parse_json, read_file, require_form
 from spidar_gym.errors import SpidarError
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.logs.mcap import write_mcap
@@ -41,22 +41,28 @@ WANTED = {"damping": 0.3, "delay": 0.003, "lag": 0.005, "mean_lag": 0.005, "mean
 """Largest wanted errors: of damping and mean gain over mass relative, of delay and lags [s]."""
 RELATIVE = ("damping", "stiffness", "speed", "gain_over_mass", "mean_gain_over_mass")
 """Parameters whose errors are relative."""
+ROW = {
+    "robot": int, "kind": str, "seed": int, "parameter": str, "count": int, "told": int, "within": int,
+    "worst_error": float, "rms_error": float, "mean_width": float,
+}  # fmt: skip
+"""Form of a row of the result."""
 MOST_BYTES = 2**24
 
 
-def sample(folder: Path, robots: int, world: str = WORLD) -> None:
+def sample(folder: Path, robots: int, world: str = WORLD, again: Path | None = None) -> None:
     """Sample the robots and seal their parameters, unless the folder has them already.
 
     Args:
         folder: Folder of the study.
         robots: Number of robots, kinds of the world in turn.
         world: Calibrated world.
+        again: File of a former result, whose first robots are sampled once more; they are no longer hidden.
     """
     sealed = folder / "sealed" / "robots.json"
     if sealed.exists():
         return
     output_folder(sealed.parent)
-    seeds = [secrets.randbits(62) for _ in range(robots)]
+    seeds = [secrets.randbits(62) for _ in range(robots)] if again is None else _former(again)[:robots]
     rows = [{"seed": seed, "robots": Randomization.parse(world).in_turn(k).name} for k, seed in enumerate(seeds)]
     write_text(sealed, json_text({"robots": rows}))
     write_text(folder / "sealed.sha256", hashlib.sha256(sealed.read_bytes()).hexdigest())
@@ -124,6 +130,13 @@ def score(folder: Path) -> list[dict[str, Any]]:
     return found
 
 
+def _former(path: Path) -> list[int]:
+    """Return the seeds of the robots of a former result (`BorderError` for another file)."""
+    content = parse_json(read_file(path, MOST_BYTES))
+    require_form(content, {"hidden": [ROW]}, path.name)
+    return list({row["robot"]: row["seed"] for row in content["hidden"]}.values())
+
+
 def sealed_robots(folder: Path) -> list[dict[str, Any]]:
     """Read the sealed robots; their hash is checked."""
     path = folder / "sealed" / "robots.json"
@@ -170,7 +183,7 @@ def _compared(name: str, lines: Sequence[dict[str, Any]], truth: np.ndarray) -> 
 
 
 def hidden(
-    folder: Path, robots: int, *, world: str = WORLD, threads: int = 2,
+    folder: Path, robots: int, *, world: str = WORLD, again: Path | None = None, threads: int = 2,
     on_step: Callable[[str], object] = lambda name: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Run the study, or resume it; returns a row for each robot and listed parameter.
@@ -179,10 +192,11 @@ def hidden(
         folder: Folder of the study.
         robots: Number of robots.
         world: Calibrated world.
+        again: As for `sample`.
         threads: Threads of an identification.
         on_step: Called after each flight and each report, with what comes next.
     """
-    sample(folder, robots, world)
+    sample(folder, robots, world, again)
     for k in range(robots):
         on_step(f"fly robot {k}")
         fly(folder, k)
