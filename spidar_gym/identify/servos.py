@@ -25,7 +25,7 @@ STATE_SPREAD = (0.0008, 0.03)
 """Deviation of a smoothed angle and rate from the true ones at the begin of a piece [rad, rad/s]."""
 STATE_NUDGE = (0.001, 0.02)
 """Steps of their derivatives [rad, rad/s]."""
-STEPS, ENOUGH = 12, 1e-3
+STEPS, ENOUGH = 16, 3e-4
 """Most steps of the minimisation; it ends when a step lowers the cost by less than this share."""
 PER_LEG = N_JOINTS // N_LEGS
 APART, ECHO, LOST = 20, 0.4, 25.0
@@ -120,9 +120,9 @@ class _Minimisation:
 
     def __init__(self, shooting: Shooting) -> None:
         self._shooting = shooting
-        self._first, self._spread, self._least = (
+        self._first, self._spread, self._least, self._most = (
             np.concatenate([np.full(each.count, getattr(each, name)) for each in PARAMETERS])
-            for name in ("first", "spread", "least")
+            for name in ("first", "spread", "least", "most")
         )
         self._state_spread = np.repeat(STATE_SPREAD, PER_LEG)
 
@@ -149,7 +149,7 @@ class _Minimisation:
             before = cost
             while True:
                 step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope)
-                tried = np.maximum(parameters + step, self._least)
+                tried = np.clip(parameters + step, self._least, self._most)
                 moved = begins.copy()
                 for (k, leg), (inverse, coupling, own) in pieces.items():
                     change = inverse @ (own - coupling @ (tried - parameters))

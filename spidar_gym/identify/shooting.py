@@ -4,6 +4,7 @@
 # MuJoCo comes without stubs.
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -55,6 +56,8 @@ class Parameter:
     """Step of the derivative."""
     share: float = 0.0
     """Step of the derivative over the value, where this is more."""
+    most: float = math.inf
+    """Largest value: of the jitter half a period of the commands, beyond which fits go astray on the way."""
 
     def step(self, own: np.ndarray) -> np.ndarray:
         """Return the steps of the derivatives at these values, (count,)."""
@@ -64,11 +67,11 @@ class Parameter:
 
 PARAMETERS = (
     Parameter("delay", 1, 0.03, 0.05, 0.0, TIMESTEP),
-    Parameter("jitter", 1, 0.005, 0.003, 0.0, 0.002),
+    Parameter("jitter", 1, 0.005, 0.003, 0.0, 0.002, most=0.0125),
     Parameter("damping", N_JOINTS, 2.0, 20.0, 0.02, 0.05, 0.05),
     Parameter("friction", N_JOINTS, 0.15, 1.0, 0.0, 0.03, 0.1),
     Parameter("stiffness", N_JOINTS, 175.0, 100.0, 30.0, 3.0),
-    Parameter("speed", N_JOINTS, 0.2, 0.1, 0.02, -0.0008),  # faster than commands move has no effect
+    Parameter("speed", N_JOINTS, 0.2, 0.02, 0.02, -0.0008),  # faster than commands move has no effect
     Parameter("bias", N_JOINTS, 0.0, 0.03, -0.3, 0.001),
     Parameter("link_mass", N_LINKS, 1.0, 0.03, 0.5, 0.03),
     Parameter("link_com_x", N_LINKS, 0.0, 0.004, -0.1, 0.01),
