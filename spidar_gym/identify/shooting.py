@@ -170,8 +170,9 @@ class Shooting:
         self._length = round(seconds / TIMESTEP)
         rng = np.random.Generator(np.random.PCG64(0))
         strata = rng.permuted(np.tile(np.arange(DRAWS), (len(bench.command_time), 1)), axis=1)
-        self._shares = ((strata + 0.5) / DRAWS).T
-        """Samples of the jitter over its largest, stratified for each command, (draws, m)."""
+        self._shares = ((strata + rng.random(strata.shape)) / DRAWS).T
+        """Samples of the jitter over its largest, stratified for each command, (draws, m). All differ: the steps of
+        physics to which they are rounded would else change for many commands at once, and the cost would jump."""
         self._known: dict[tuple[int, float, bytes, bytes], np.ndarray] = {}
         self._samples = [np.flatnonzero((bench.time > b + 0.004) & (bench.time <= b + seconds)) for b in begins]
         self.piece = np.concatenate([np.full(len(own), k) for k, own in enumerate(self._samples)])
