@@ -8,9 +8,9 @@ import pytest
 from support.needs import marked, needs_compiler
 from support.runner import said
 
-from spidar_gym.logs.topics import HEAD_IMU
 from spidar_gym.onboard.build import PARTS
 from spidar_gym.onboard.export import export_files, write_files
+from spidar_gym.onboard.message_types import HEAD_IMU
 from spidar_gym.sitl.build_ros import message_headers
 
 ros = marked("ros")
