@@ -140,6 +140,7 @@ for topic in file["topic"]:
                 put(message, path, each)
     publisher = rospy.Publisher(file["namespace"] + "/" + topic["name"], kind, queue_size=10, tcp_nodelay=True)
     plan.append([0.0, 1.0 / topic.get("rate", 2.0), publisher, message, topic.get("time", {}).get("path")])
+print("ready", flush=True)
 while not os.path.exists(end):
     now = time.monotonic()
     for row in plan:
@@ -241,9 +242,14 @@ def test_a_robot_written_from_the_file_alone_fills_every_member_and_hears_every_
     tick = sum(types[name].itemsize for name in ("loop_input", "loop_output", "log_clock"))
     command = [program, "ros1", tmp_path / "mission.txt", "--out", "/spidar_dry", "--log", log]
     link, deadline = RosLink(), time.monotonic() + 60.0
-    robot = subprocess.Popen(["/usr/bin/python3", "-c", ROBOT, *words], env=link.environment() | SYSTEM)
-    runner = subprocess.Popen(command, env=link.environment(), stderr=subprocess.PIPE, text=True)
+    talker = ["/usr/bin/python3", "-c", ROBOT, *words]
+    robot = subprocess.Popen(talker, env=link.environment() | SYSTEM, stdout=subprocess.PIPE, text=True)
+    started = [robot]
     try:
+        assert robot.stdout is not None
+        assert robot.stdout.readline() == "ready\n"
+        runner = subprocess.Popen(command, env=link.environment(), stderr=subprocess.PIPE, text=True)
+        started.append(runner)
         while not (log.is_file() and log.stat().st_size > front + 160 * tick):  # four seconds
             assert runner.poll() is None
             assert time.monotonic() < deadline
@@ -253,10 +259,11 @@ def test_a_robot_written_from_the_file_alone_fills_every_member_and_hears_every_
         runner.send_signal(signal.SIGINT)
         said = runner.communicate(timeout=20)[1]
         (tmp_path / "end").touch()
-        assert robot.wait(20) == 0
+        robot.communicate(timeout=20)
+        assert robot.returncode == 0
     finally:
-        robot.kill()
-        runner.kill()
+        for process in started:
+            process.kill()
         link.close()
     assert "driving" in said, said
     for direction, listed, front in (("in", subscribed, "/spidar/"), ("out", published, "/spidar_dry/")):
