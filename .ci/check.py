@@ -80,7 +80,7 @@ FULL = (
         10.0,
     ),
     # In real time: nothing else runs in parallel.
-    Stage("tests through ROS 1", {"pytest": ["pytest", "-rs", "-n0", "-m", "ros"]}, 3.0),
+    Stage("tests through ROS 1", {"pytest": ["pytest", "-rs", "-n0", "-m", "ros"]}, 4.5),
     Stage("leaderboard rows, evaluated again", {"verify": ["spidar", "leaderboard", "verify", "--sample", "10"]}, 0.2),
     Stage("wheel, installed alone", {"wheel": ["python", str(Path(".ci", "wheel.py"))]}, 0.8),
 )

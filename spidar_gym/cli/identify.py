@@ -11,8 +11,8 @@ from spidar_gym.errors import SpidarError, require_above, require_least
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.identify.identify import identify
 from spidar_gym.identify.robot_file import BASE, robot_text
-from spidar_gym.logs.mcap import NAMESPACE
 from spidar_gym.logs.open import read_log
+from spidar_gym.onboard.messages import NAMESPACE
 from spidar_gym.processes import cpu_count
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.viz.identified import draw_report

@@ -12,10 +12,11 @@ from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.files import json_text
 from spidar_gym.logs.csv_folder import write_csv
 from spidar_gym.logs.describe import record_facts, record_table
-from spidar_gym.logs.mcap import NAMESPACE, mcap_library, write_mcap
+from spidar_gym.logs.mcap import mcap_library, write_mcap
 from spidar_gym.logs.open import read_log
 from spidar_gym.logs.record import Record
 from spidar_gym.logs.topics import FORMATS
+from spidar_gym.onboard.messages import NAMESPACE
 
 log_app = tyro.extras.SubcommandApp()
 FileArg = Annotated[

@@ -21,6 +21,7 @@ from spidar_gym.cli.cards import card_lines, method_lines
 from spidar_gym.control.presets import FORMER_PRESETS, PRESETS, controller_config
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.margins import leg_lines, preset_margins
+from spidar_gym.onboard.topics_file import topic_lines
 from spidar_gym.paper.crawl import crawl_lines
 from spidar_gym.paper.crawl_study import study_lines
 from spidar_gym.paper.flight import flight_lines
@@ -151,6 +152,7 @@ COMPUTED: dict[str, Callable[..., Lines]] = {
     "suite-tasks": lambda root: task_lines(),
     "suite-variants": lambda root, task: variant_lines(read_results(SUITE_RESULTS), task),
     "summary": _summary,
+    "topics": lambda root: topic_lines(),
     "world": lambda root, name: world_lines(find_world(name)),
     "tracks": lambda root: [["track", "what it tests"], *([f"`{name}`", t.doc] for name, t in TRACKS.items())],
 }
@@ -241,5 +243,6 @@ def with_tables(root: Path, text: str) -> str:
 
 
 def pages(root: Path) -> list[Path]:
-    """Return every page that may contain tables: README and the guide."""
-    return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
+    """Return every page that may contain tables: README, the guide, and the README of an export."""
+    onboard = root / "spidar_gym" / "onboard" / "README.md"
+    return [root / "README.md", *sorted((root / "docs").rglob("*.md")), onboard]

@@ -9,9 +9,10 @@ from typing import Any
 
 from spidar_gym.border import BorderError
 from spidar_gym.errors import MissingDependencyError
-from spidar_gym.logs.mcap import INSTALL, NAMESPACE, Collected, assemble
+from spidar_gym.logs.mcap import INSTALL, Collected, assemble
 from spidar_gym.logs.messages import SECOND
 from spidar_gym.logs.record import Record
+from spidar_gym.onboard.messages import NAMESPACE
 
 MAGIC = b"#ROSBAG V"
 """First bytes of a bag."""

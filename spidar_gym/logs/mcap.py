@@ -17,11 +17,10 @@ from spidar_gym.logs.messages import SECOND, nanoseconds, to_messages, to_series
 from spidar_gym.logs.record import Other, Record, Series, ordered
 from spidar_gym.logs.ros1 import MessageError, parse
 from spidar_gym.logs.topics import FORMATS, definition
+from spidar_gym.onboard.messages import NAMESPACE
 
 MAGIC = b"\x89MCAP0\r\n"
 """First bytes of a file."""
-NAMESPACE = "/spidar"
-"""Namespace of the robot's topics."""
 OURS = "spidar_gym"
 """Name of the metadata in files that this module wrote."""
 INSTALL = "pip install 'spidar-gym[log]'"

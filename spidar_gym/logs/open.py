@@ -7,13 +7,14 @@ from spidar_gym.border import BorderError
 from spidar_gym.logs import bag, mcap
 from spidar_gym.logs.record import Record
 from spidar_gym.logs.runner_log import is_runner_log, read_runner_log, runner_record
+from spidar_gym.onboard.messages import NAMESPACE
 
 VALID = "a log of the runner, an MCAP with messages of ROS 1, a bag of ROS 1"
 """Kinds of logs."""
 
 
 def read_log(
-    path: str | Path, *, namespace: str = mcap.NAMESPACE,
+    path: str | Path, *, namespace: str = NAMESPACE,
     on_bytes: Callable[[int], object] = lambda count: None,
 ) -> Record:  # fmt: skip
     """Read a log; parts that are damaged or missing are left out, and `Record.warnings` states them.

@@ -17,8 +17,6 @@ NUMBERS = {
 """ROS's types of numbers → numpy's."""
 MOMENTS = {"time": "<u4", "duration": "<i4"}
 """Types of two numbers, seconds and nanoseconds [s, ns]."""
-SEPARATOR = "=" * 80
-"""Line between the definition of a message and those of the types that it uses."""
 MOST_DEPTH = 16
 """Largest nesting depth of types."""
 VARIABLE = -1

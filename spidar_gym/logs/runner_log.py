@@ -16,7 +16,8 @@ from spidar_gym.logs.topics import FORMATS
 from spidar_gym.native.library import STATUS
 from spidar_gym.native.structs import WORDS
 from spidar_gym.onboard.health import N_SERVOS
-from spidar_gym.onboard.messages import FORCE_LANDING, ORDERS, STATE_NAMES
+from spidar_gym.onboard.message_types import FORCE_LANDING
+from spidar_gym.onboard.messages import ORDERS, STATE_NAMES
 from spidar_gym.onboard.parameters import text_of
 from spidar_gym.onboard.runner_header import runner_hash
 from spidar_gym.onboard.runner_structs import (

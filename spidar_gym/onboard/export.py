@@ -29,6 +29,7 @@ from spidar_gym.onboard.parameters import digest_of, parameters_record, paramete
 from spidar_gym.onboard.policy import RATE, policy_header
 from spidar_gym.onboard.runner_header import runner_hash, runner_header
 from spidar_gym.onboard.runner_structs import RUNNER
+from spidar_gym.onboard.topics_file import topics_file
 from spidar_gym.policies.artifact import read_artifact
 from spidar_gym.policies.source import artifact_file
 from spidar_gym.robot import ROBOT, RobotSpec
@@ -120,6 +121,7 @@ def export_files(
     }  # fmt: skip
     files |= {f"generated/spidar_{each}.h": text.encode() for each, text in generated.items()}
     files |= {f"osqp/{each}": data for each, data in osqp_files().items()}
+    files["topics.toml"] = topics_file(robot)
     if golden:
         files |= golden_files(robot)
     manifest = {

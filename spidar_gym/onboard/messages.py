@@ -2,17 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.onboard.runner_structs import TOPICS
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES
 
-DEFINITIONS = Path(__file__).parent / "msg"
-"""The lab's message types, `spinal`, as this project defines them."""
-ARM_ON, ARM_OFF, FORCE_LANDING = 0, 1, 2
-"""Values of `flight_config_cmd`."""
+NAMESPACE = "/spidar"
+"""Default namespace of the robot's topics and parameters."""
+MODEL_PARAMETER = "spidar_model_sha256"
+"""ROS parameter under the namespace: hash of the robot's model."""
 STATE_NAMES = (*JOINT_NAMES, *GIMBAL_NAMES)
 """Names of `joint_states`, in its order."""
 
@@ -28,7 +27,7 @@ class Topic:
     rate: float
     """Rate [Hz]; 0 for a topic without a fixed rate."""
     doc: str
-    """Contents and units."""
+    """Contents; units are those of the type's columns in `message_types`."""
 
 
 def _expected(word: str, kind: str, doc: str) -> Topic:
@@ -38,24 +37,24 @@ def _expected(word: str, kind: str, doc: str) -> Topic:
 
 
 FEEDBACK = (
-    _expected("joints", "sensor_msgs/JointState", "position [rad] of 16 joints, 16 gimbals; effort [Nm]"),
-    _expected("imu", "spinal/Imu", "acc [m/s²], gyro [rad/s], angles [rad]; torso axes"),
+    _expected("joints", "sensor_msgs/JointState", "angles of 16 joints, then 16 gimbals; torques of the joints"),
+    _expected("imu", "spinal/Imu", "acceleration, angular velocity and attitude of the flight controller"),
     _expected("pose", "geometry_msgs/PoseStamped", "pose of the flight controller in the world"),
-    _expected("odometry", "nav_msgs/Odometry", "CoG; velocity in the world, angular velocity in torso axes"),
+    _expected("odometry", "nav_msgs/Odometry", "motion of the CoG, attitude and angular velocity of the torso"),
     Topic("uav/baselink/odom", "nav_msgs/Odometry", 100.0, "pose and velocity of the flight controller"),
     Topic(TOPICS["state"][0], "std_msgs/UInt8", CONTROL_RATE, "state of the flight stack"),
     Topic("flight_config_ack", "std_msgs/UInt8", 0.0, "echo of a configuration command"),
-    _expected("voltage", "std_msgs/Float32", "of the battery under load [V]"),
-    _expected("servos", "spinal/ServoStates", "encoder count, temperature [°C], load and error bits of 32 servos"),
-    _expected("motors", "spinal/Pwms", "length of each module's signal [µs], of a period of 2 ms"),
+    _expected("voltage", "std_msgs/Float32", "voltage of the battery under load"),
+    _expected("servos", "spinal/ServoStates", "encoder count, temperature, load and error bits of 32 servos"),
+    _expected("motors", "spinal/Pwms", "length of the signal of each of 8 modules, within a period of 2 ms"),
 )
 """Topics that the robot publishes."""
 COMMANDS = (
-    Topic("four_axes/command", "spinal/FourAxisCommand", CONTROL_RATE, "base_thrust: thrust of the 8 modules [N]"),
-    Topic("gimbals_ctrl", "sensor_msgs/JointState", CONTROL_RATE, "position [rad] of 16 gimbals"),
-    Topic("joints_ctrl", "sensor_msgs/JointState", CONTROL_RATE, "position [rad] of the joints named"),
-    Topic("joints_torque_ctrl", "sensor_msgs/JointState", CONTROL_RATE, "effort: torque limits [Nm] of joints named"),
-    Topic("flight_config_cmd", "spinal/FlightConfigCmd", 0.0, "0 ARM_ON, 1 ARM_OFF, 2 FORCE_LANDING"),
+    Topic("four_axes/command", "spinal/FourAxisCommand", CONTROL_RATE, "thrusts of the 8 modules"),
+    Topic("gimbals_ctrl", "sensor_msgs/JointState", CONTROL_RATE, "angles of 16 gimbals"),
+    Topic("joints_ctrl", "sensor_msgs/JointState", CONTROL_RATE, "angles of the joints named"),
+    Topic("joints_torque_ctrl", "sensor_msgs/JointState", CONTROL_RATE, "torque limits of the joints named"),
+    Topic("flight_config_cmd", "spinal/FlightConfigCmd", 0.0, "command to the flight controller"),
     Topic("teleop_command/start", "std_msgs/Empty", 0.0, "arm"),
     Topic("teleop_command/takeoff", "std_msgs/Empty", 0.0, "take off"),
     Topic("teleop_command/land", "std_msgs/Empty", 0.0, "land"),

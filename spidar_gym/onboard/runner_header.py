@@ -5,6 +5,7 @@ from spidar_gym.control.locomotion.commands import FIELD, HEIGHTS, SPEEDS, STEEP
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.native.codegen.header import (
     array,
+    c_only,
     define,
     enumeration,
     header,
@@ -12,6 +13,7 @@ from spidar_gym.native.codegen.header import (
     interface_digest,
     interface_hash,
     struct,
+    tables_last,
 )
 from spidar_gym.onboard import health
 from spidar_gym.onboard.fields import fields_header
@@ -34,6 +36,7 @@ from spidar_gym.onboard.runner_structs import (
     N_NAMES,
     NAME,
     ORDER_TEXT,
+    RATE_TOLERANCE,
     REASON,
     RUNNER,
     RUNNER_STRUCTS,
@@ -59,10 +62,12 @@ def _header_lines() -> list[str]:
         "MOST_HEIGHT": HEIGHTS[1], "STEEPEST": STEEPEST,
     }  # fmt: skip
     lines = [define(name, value) for name, value in sizes.items()]
+    lines += [define("RATE_TOLERANCE", RATE_TOLERANCE)]
     lines += [define(f"ORDER_{name}", value, "m, m/s or rad") for name, value in bounds.items()]
     lines += [define(f"MAP_{name}", getattr(gates, name), "m") for name in ("ROOM", "REACH", "FARTHEST")]
     lines += [define("MOST_EXCITATION", tuple(MOST_EXCITATION.values()), "rad, N")]
     lines += [define("FASTEST_EXCITATION", FASTEST_EXCITATION, "Hz")]
+    lines = tables_last(lines)
     lines += [f'#define SP_LOG_MAGIC "{MAGIC}"', ""]
     lines += [line for each in ENUMERATIONS for line in enumeration(each)]
     names, rates = zip(*TOPICS.values(), strict=True)
@@ -71,7 +76,7 @@ def _header_lines() -> list[str]:
         "/* Names of the joints and of the gimbals. */",
         *array("char *const", "SP_JOINT_NAMES", [f'"{name}"' for name in JOINT_NAMES]),
         *array("char *const", "SP_GIMBAL_NAMES", [f'"{name}"' for name in GIMBAL_NAMES]),
-        "/* Name and expected rate [Hz], 0 for any, of each of sp_topic. */",
+        "/* Name, and expected rate [Hz], 0 for any, of each of sp_topic. */",
         *array("char *const", "SP_TOPIC_NAMES", [f'"{name}"' for name in names]),
         *array("double", "SP_TOPIC_RATES", rates),
         "/* Text of each of sp_fault and sp_manager_phase. */",
@@ -79,12 +84,11 @@ def _header_lines() -> list[str]:
         *array("char *const", "SP_MANAGER_PHASE_WORDS", [f'"{phase}"' for phase in PHASES]),
         "/* Name of each of sp_gate_kind, and its range of valid sizes [m], [rad]. */",
         *array("char *const", "SP_GATE_WORDS", [f'"{kind}"' for kind in gates.KINDS]),
-        define("GATE_LEAST", least),
-        define("GATE_MOST", most),
+        *c_only([define("GATE_LEAST", least), define("GATE_MOST", most)]),
         "",
     ]
     lines += [line for each in RUNNER_STRUCTS for line in struct(each)]
-    return [*lines, f"static const sp_limits SP_LIMITS = {initializer(Limits())};"]
+    return [*lines, *c_only([f"static const sp_limits SP_LIMITS = {initializer(Limits())};"])]
 
 
 def runner_hash() -> str:

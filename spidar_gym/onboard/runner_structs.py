@@ -40,6 +40,8 @@ TOPICS = {
     **HEALTH_TOPICS,
 }  # fmt: skip
 """Topics that the runner subscribes to, in its order: name, and expected rate [Hz], 0 for any; those of health last."""
+RATE_TOLERANCE = 0.3
+"""Largest deviation of a topic's rate from the expected one, as a share of it; no rate of health is checked."""
 
 
 class FlightState(IntEnum):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spidar_gym.onboard.messages import ARM_OFF, ARM_ON, FORCE_LANDING
+from spidar_gym.onboard.message_types import ARM_OFF, ARM_ON, FORCE_LANDING
 from spidar_gym.robot import N_ROTORS, ROBOT
 from spidar_gym.so3 import euler_angles
 

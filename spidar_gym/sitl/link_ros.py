@@ -24,7 +24,7 @@ from xmlrpc.client import ServerProxy
 import numpy as np
 
 from spidar_gym.errors import MissingDependencyError, SpidarError, require_name
-from spidar_gym.onboard.messages import COMMANDS, FEEDBACK, ORDERS, Message
+from spidar_gym.onboard.messages import COMMANDS, FEEDBACK, MODEL_PARAMETER, NAMESPACE, ORDERS, Message
 from spidar_gym.robot.description import model_hash
 from spidar_gym.sitl.ros_types import FILL, KINDS, READ, RosMessage, message_types
 
@@ -43,7 +43,7 @@ class RosLink:
     rospy allows one node per process and takes over its logging. The node therefore runs in a child, behind two pipes.
     """
 
-    def __init__(self, namespace: str = "/spidar", *, master: str | None = None) -> None:
+    def __init__(self, namespace: str = NAMESPACE, *, master: str | None = None) -> None:
         """Start the node, and a new master on the loopback unless one is given.
 
         Args:
@@ -85,7 +85,7 @@ class RosLink:
         with contextlib.suppress(PermissionError):
             for process in (0, self._node.pid):
                 os.setpriority(os.PRIO_PROCESS, process, -10)
-        self._ask("parameter", "spidar_model_sha256", model or model_hash())
+        self._ask("parameter", MODEL_PARAMETER, model or model_hash())
         self._base = time.time_ns() - round(seconds * 1e9)
         self._ask("clock", self._base)
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from spidar_gym.errors import InvalidValueError, SpidarError
 from spidar_gym.onboard.health import HEALTH_TOPICS, N_SERVOS
-from spidar_gym.onboard.messages import FEEDBACK, FORCE_LANDING, ORDERS, STATE_NAMES, Message
+from spidar_gym.onboard.message_types import FORCE_LANDING
+from spidar_gym.onboard.messages import FEEDBACK, ORDERS, STATE_NAMES, Message
 from spidar_gym.onboard.runner_header import runner_hash
 from spidar_gym.onboard.runner_structs import ORDER_TEXT, TOPICS, Action, log_layouts
 from spidar_gym.robot import GIMBAL_NAMES, JOINT_NAMES, N_JOINTS, N_ROTORS

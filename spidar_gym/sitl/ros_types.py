@@ -5,8 +5,8 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from spidar_gym.logs.topics import definition
 from spidar_gym.onboard.health import SERVO_FIELDS
+from spidar_gym.onboard.message_types import definition
 from spidar_gym.onboard.messages import COMMANDS, FEEDBACK, ORDERS
 
 KINDS = {topic.name: topic.kind for topic in (*FEEDBACK, *COMMANDS, ORDERS)}

@@ -9,7 +9,7 @@ from spidar_gym.arrays import RotorVector
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.presets import controller_config
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
-from spidar_gym.onboard.messages import ARM_OFF, ARM_ON, FORCE_LANDING
+from spidar_gym.onboard.message_types import ARM_OFF, ARM_ON, FORCE_LANDING
 from spidar_gym.onboard.runner_structs import FlightState
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT
 from spidar_gym.so3 import quat_to_matrix

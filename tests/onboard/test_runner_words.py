@@ -4,6 +4,7 @@ import ctypes
 import re
 import subprocess
 import threading
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from spidar_gym.onboard.export import EVERY
 from spidar_gym.onboard.parameters import digest_of, parameters_record, parameters_text
 from spidar_gym.onboard.runner_header import runner_hash
 from spidar_gym.onboard.runner_structs import log_layouts
+from spidar_gym.onboard.topics_file import topics_file
 from spidar_gym.robot import ROBOT
 from spidar_gym.robot.description import model_hash
 from spidar_gym.sitl.link_socket import SocketLink
@@ -237,6 +239,25 @@ def test_each_topic_and_its_rate_is_required(library, odometry, topic):
         for rate in (0.69 * due, 1.31 * due, np.inf):
             words = agree(library, odometry, **{topic: rate})
             assert words == f"{topic} comes at {rate:.0f} Hz; valid: {0.7 * due:.0f} … {1.3 * due:.0f}"
+
+
+@pytest.mark.parametrize("estimate", ["mocap", "odometry"])
+def test_the_file_of_topics_states_what_is_required_and_accepted(library, estimate):
+    odometry, checked = int(estimate == "odometry"), []
+    for topic in tomllib.loads(topics_file().decode())["topic"]:
+        name = topic["name"]
+        if name not in TOPICS:
+            assert topic.get("required", "never") == "never"
+            continue
+        required = topic["required"] in ("always", f"estimate {estimate}")
+        assert (agree(library, odometry, **{name: 0.0}) != "") == required, name
+        for edge, inwards in zip(topic.get("accepted", ()), (1.001, 0.999), strict=False):
+            assert agree(library, odometry, **{name: edge * inwards}) == "", name
+            assert (agree(library, odometry, **{name: edge / inwards}) != "") == required, name
+        if "accepted" not in topic:
+            assert agree(library, odometry, **{name: 1.0}) == agree(library, odometry, **{name: 1000.0}) == "", name
+        checked.append(name)
+    assert sorted(checked) == sorted(TOPICS)
 
 
 def swapped(a, b):

@@ -9,7 +9,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.logs.record import Record, Series, ordered
-from spidar_gym.logs.topics import FORMATS, HEAD_IMU, definition
+from spidar_gym.logs.topics import FORMATS, definition
+from spidar_gym.onboard.message_types import HEAD_IMU
 from spidar_gym.onboard.messages import Message
 from spidar_gym.onboard.runner_structs import Action, log_layouts
 from spidar_gym.sitl.link_socket import SocketLink

@@ -12,7 +12,7 @@ PROGRAMS = {
         "apt-get install gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user",
     ),
     "ros": (
-        ("rosmaster", "pkg-config", "g++"),
+        ("rosmaster", "pkg-config", "g++", "cmake", "catkin_make"),
         "docs/onboard/sitl_and_faults.md lists the packages",
     ),
     "browser": (("chromium",), "apt-get install chromium"),

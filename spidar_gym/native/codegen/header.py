@@ -109,6 +109,16 @@ def array(kind: str, name: str, items: Sequence[object]) -> list[str]:
     return [f"static const {kind} {name}[{len(items)}] = {{", *(f"    {row}," for row in rows), "};"]
 
 
+def c_only(lines: Iterable[str]) -> list[str]:
+    """Hide numbers from C++, which has hexadecimal floats from C++17 on, and initialisers with names from C++20 on."""
+    return ["#ifndef __cplusplus", *lines, "#endif"]
+
+
+def tables_last(lines: Sequence[str]) -> list[str]:
+    """Move the arrays among constants of `define` to the end, hidden from C++."""
+    return [*(x for x in lines if x.startswith("#")), *c_only(x for x in lines if not x.startswith("#"))]
+
+
 def enumeration(each: Enumeration) -> list[str]:
     """Format an enumeration of C."""
     items = [f"SP_{each.prefix}{word}".upper() + f" = {number}" for word, number in each.numbers.items()]
@@ -130,9 +140,10 @@ def struct(each: CStruct) -> list[str]:
 
 def constants_header() -> str:
     """Generate spidar_constants.h: sizes, numbers and enumerations, each from its definition in Python."""
-    lines = [define(name, value) for name, value in SIZES.items()]
+    defined = [define(name, value) for name, value in SIZES.items()]
     for prefix, place, names in NUMBERS:
-        lines += [define(f"{prefix}{n}".upper(), getattr(place, n), f"{place.__name__}.{n}") for n in names]
+        defined += [define(f"{prefix}{n}".upper(), getattr(place, n), f"{place.__name__}.{n}") for n in names]
+    lines = tables_last(defined)
     lines += ["", *(line for each in ENUMERATIONS.values() for line in enumeration(each))]
     for (kind, name), words in WORDS.items():
         items = ", ".join(f"SP_{kind}_{name}_{word}".upper() + f" = {k}" for k, word in enumerate(words))

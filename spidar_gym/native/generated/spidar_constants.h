@@ -75,13 +75,9 @@
 #define SP_MOST_STRIDE 0x1.4000000000000p+4 /* 20.0, spidar_gym.control.crawl.footsteps.MOST_STRIDE */
 #define SP_BISECTIONS 24 /* spidar_gym.control.crawl.footsteps.BISECTIONS */
 #define SP_STRAIGHT 0x1.12e0be826d695p-30 /* 1e-09, spidar_gym.control.crawl.pose2.STRAIGHT */
-static const double SP_TARGET_STRETCHED[4] = {0x0.0p+0, 0x0.0p+0, 0x0.0p+0, 0x0.0p+0};
-static const double SP_TARGET_BELOW[4] = {0x0.0p+0, 0x1.921fb54442d18p-1, 0x0.0p+0, 0x1.921fb54442d18p+0};
 #define SP_TARGET_SWEEP 0x1.999999999999ap-2 /* 0.4, spidar_gym.control.course.target.SWEEP */
-static const double SP_TARGET_TURNS[4] = {-0x1.0000000000000p+0, 0x1.0000000000000p+0, -0x1.0000000000000p+0, 0x1.0000000000000p+0};
 #define SP_TARGET_WAY 0x1.6000000000000p+2 /* 5.5, spidar_gym.control.course.target.WAY */
 #define SP_TARGET_MARGIN 0x1.3333333333333p-2 /* 0.3, spidar_gym.control.course.target.MARGIN */
-static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.8000000000000p+0};
 #define SP_PILOT_FLY_LOWEST 0x1.999999999999ap-1 /* 0.8, spidar_gym.control.course.pilot.FLY_LOWEST */
 #define SP_PILOT_LEAST_RISE 0x1.3333333333333p-1 /* 0.6, spidar_gym.control.course.pilot.LEAST_RISE */
 #define SP_PILOT_SAME_PLACE 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.course.pilot.SAME_PLACE */
@@ -142,6 +138,12 @@ static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.80000000000
 #define SP_GAIT_TRIAL 0x1.0624dd2f1a9fcp-9 /* 0.002, spidar_gym.control.crawl.gait.TRIAL */
 #define SP_GAIT_MISSED 0x1.89374bc6a7efap-8 /* 0.006, spidar_gym.control.crawl.gait.MISSED */
 #define SP_GAIT_MISSED_TURN 0x1.89374bc6a7efap-7 /* 0.012, spidar_gym.control.crawl.gait.MISSED_TURN */
+#ifndef __cplusplus
+static const double SP_TARGET_STRETCHED[4] = {0x0.0p+0, 0x0.0p+0, 0x0.0p+0, 0x0.0p+0};
+static const double SP_TARGET_BELOW[4] = {0x0.0p+0, 0x1.921fb54442d18p-1, 0x0.0p+0, 0x1.921fb54442d18p+0};
+static const double SP_TARGET_TURNS[4] = {-0x1.0000000000000p+0, 0x1.0000000000000p+0, -0x1.0000000000000p+0, 0x1.0000000000000p+0};
+static const double SP_TARGET_SPEEDS[2] = {0x1.999999999999ap-5, 0x1.8000000000000p+0};
+#endif
 
 /* Blocks of cost. */
 typedef enum {

@@ -4,9 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
-
-#define LOW 0.7
-#define HIGH 1.3
+#define LOW (1.0 - SP_RATE_TOLERANCE)
+#define HIGH (1.0 + SP_RATE_TOLERANCE)
 
 static const char *expected(int k)
 {

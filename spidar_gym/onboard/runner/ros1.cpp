@@ -1,4 +1,4 @@
-/* The mode `ros1`: runs the loop at 40 Hz between ROS 1 topics. C++11 with GNU's hexadecimal floats. */
+/* The mode `ros1`: runs the loop at 40 Hz between ROS 1 topics. C++11 and later, up to C++17. */
 #include <cerrno>
 #include <cmath>
 #include <csignal>
@@ -220,7 +220,7 @@ private:
         joints_ = out_.advertise<sensor_msgs::JointState>("joints_ctrl", 2);
         torques_ = out_.advertise<sensor_msgs::JointState>("joints_torque_ctrl", 2);
         config_ = out_.advertise<spinal::FlightConfigCmd>("flight_config_cmd", 2 * LANDINGS);
-        thrust_message_.angles.assign(0.0f);
+        thrust_message_.angles.fill(0.0f);
         thrust_message_.base_thrust.assign(SP_ROTORS, 0.0f);
         gimbals_message_.name.assign(SP_GIMBAL_NAMES, SP_GIMBAL_NAMES + 2 * SP_ROTORS);
         gimbals_message_.position.assign(2 * SP_ROTORS, 0.0);
@@ -418,7 +418,7 @@ bool be_urgent()
 bool drive(Robot &robot, sp_run *run)
 {
     static sp_loop_output output;
-    const int64_t period = (int64_t)((double)SECOND / SP_CONTROL_RATE);
+    const int64_t period = (int64_t)((double)SECOND / sp_control_rate());
     int64_t due = monotonic() + period;
     std::memset(&output, 0, sizeof output);
     output.stage = SP_WAITING;
@@ -447,7 +447,7 @@ void leave(Robot &robot, bool driving)
                  ? "commands FORCE_LANDING in its dry run and exits" : "commands FORCE_LANDING and exits");
     for (int k = 0; driving && k < LANDINGS; k++) {
         robot.land();
-        ros::WallDuration(1.0 / SP_CONTROL_RATE).sleep();
+        ros::WallDuration(1.0 / sp_control_rate()).sleep();
     }
 }
 

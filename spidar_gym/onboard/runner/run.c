@@ -15,6 +15,8 @@ double sp_microseconds(void)
     return 1e6 * (double)t.tv_sec + 1e-3 * (double)t.tv_nsec;
 }
 
+double sp_control_rate(void) { return SP_CONTROL_RATE; }
+
 /* Write the log's head and the mission. */
 static int begin_log(sp_run *run)
 {

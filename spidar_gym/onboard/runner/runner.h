@@ -131,6 +131,7 @@ typedef struct {
     int32_t times[SP_BINS], waits[SP_BINS]; /* histograms, 10 us a bin */
 } sp_run;
 double sp_microseconds(void); /* of a monotonic clock */
+double sp_control_rate(void); /* of the ticks [Hz]; C++ before C++17 cannot read the constant */
 /* Read the mission and open the log; returns 0, or 2 after a line on stderr. `log` may be NULL. */
 int sp_run_open(sp_run *run, const sp_parameters *p, const char *mission, const char *log, int residual);
 /* Run, time and log a tick. `wait` is its delay [us], negative without a clock. */
