@@ -98,11 +98,12 @@ class Options:
 
 def _require_flight(parameters: Path | None, *presets: str) -> None:
     """Raise an error for flight presets that the runner, or its parameter file, does not have."""
+    known = None if parameters is None else flight_presets(parameters)
     for preset in presets:
-        if parameters is None:
+        if known is None:
             controller_config(preset)
         else:
-            require_name("flight preset of the parameters", preset, flight_presets(parameters))
+            require_name("flight preset of the parameters", preset, known)
 
 
 OptionsArg = Annotated[Options, tyro.conf.arg(name="")]
