@@ -16,10 +16,10 @@ from spidar_gym.arguments import CrawlPresetArg, Flag, FlightPresetArg, JsonArg,
 from spidar_gym.console import drawn, progress, published, studied
 from spidar_gym.control.course.gates import MAX_GATES
 from spidar_gym.control.crawl.pose2 import Pose2
-from spidar_gym.control.presets import controller_config, crawler_config
+from spidar_gym.control.presets import crawler_config
 from spidar_gym.errors import InvalidValueError, SpidarError, require_above, require_least, require_name, require_within
 from spidar_gym.files import output_folder, write_text
-from spidar_gym.onboard.parameters import flight_presets, read_parameters
+from spidar_gym.onboard.parameters import read_parameters
 from spidar_gym.paper.calibration import require_robots
 from spidar_gym.paper.crawl import CRAWL_DISTANCE, CrawlLog
 from spidar_gym.processes import cpu_count
@@ -50,6 +50,7 @@ from spidar_gym.sitl.play import (
     make_robot,
     play,
     play_faults,
+    require_flight_presets,
 )
 from spidar_gym.sitl.robot import Robot
 from spidar_gym.sitl.serve import Served, serve_ros, serve_socket
@@ -94,16 +95,6 @@ class Options:
     def mission(self) -> dict[str, Any]:
         """Options that are part of the mission file."""
         return {"odometry": self.odometry, "residual": self.residual is not None}
-
-
-def _require_flight(parameters: Path | None, *presets: str) -> None:
-    """Raise an error for flight presets that the runner, or its parameter file, does not have."""
-    known = None if parameters is None else flight_presets(parameters)
-    for preset in presets:
-        if known is None:
-            controller_config(preset)
-        else:
-            require_name("flight preset of the parameters", preset, known)
 
 
 OptionsArg = Annotated[Options, tyro.conf.arg(name="")]
@@ -160,7 +151,6 @@ def flight(
         preset: Controller preset of the runner.
         out: Folder for flight.json, flight.png, mission.txt and run.log, which `runner replay` repeats bit for bit.
     """
-    _require_flight(options.parameters, preset)
     _play(flight_mission(preset, **options.mission), out, options)
 
 
@@ -243,7 +233,7 @@ def first_flights(
     """
     require_least(0, seed=seed)
     require_least(1, flights=flights)
-    _require_flight(parameters, *presets)
+    require_flight_presets(parameters, *presets)
     require_name("link", link, LINKS)
     if damping is not None:
         require_above(damping=damping)
@@ -275,7 +265,7 @@ def robot_tests(
         preset: Controller preset of the hovers, best one with little bandwidth.
         out: Folder for tests.json, and for each test mission and log, as thrust.txt and thrust.log.
     """
-    _require_flight(options.parameters, preset)
+    require_flight_presets(options.parameters, preset)
     if options.residual is not None:
         raise SpidarError("tests have no learned residual; valid: flight or crawl with --residual")
     plans = [robot_test(name, preset) for name in only or ROBOT_TESTS]

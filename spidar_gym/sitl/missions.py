@@ -96,7 +96,6 @@ def flight_mission(preset: str = "as_flown", *, odometry: bool = False, residual
 
 def hover_mission(preset: str = "as_flown", seconds: float = 10.0, *, odometry: bool = False) -> Mission:
     """Build a hover in form ①, into which faults are injected."""
-    controller_config(preset)
     lines = [f"flight {preset}", *_switches(odometry, False), _form(0.0, np.zeros(16)), f"end {seconds:g}", ""]
     return Mission("hover", preset, "\n".join(lines), seconds)
 

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.control.presets import crawler_config
+from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.errors import SpidarError, require_name
 from spidar_gym.files import scratch_folder
 from spidar_gym.logs.runner_log import RunnerLog, read_runner_log
 from spidar_gym.onboard.build import build_runner
+from spidar_gym.onboard.parameters import flight_presets
 from spidar_gym.paper.crawl import CrawlLog, crawl_figures, crawl_lines
 from spidar_gym.paper.flight import FlightLog, flight_figures, flight_lines, noisy_robot
 from spidar_gym.sim.config import PlantConfig
@@ -69,6 +70,16 @@ def make_robot(mission: Mission, seed: int = 0, robots: Randomization = NOT_SAMP
     return Robot(course_robot(mission, rng, robots), crawls=True, gait=config.gait, joint_speed=speed, seed=seed)
 
 
+def require_flight_presets(parameters: Path | None, *presets: str) -> None:
+    """Raise an `UnknownNameError` for flight presets that a parameter file (or without one the runner) lacks."""
+    known = None if parameters is None else flight_presets(parameters)
+    for preset in presets:
+        if known is None:
+            controller_config(preset)
+        else:
+            require_name("flight preset of the parameters", preset, known)
+
+
 def play(
     mission: Mission,
     link: str = "socket",
@@ -101,11 +112,13 @@ def play(
         on_tick: Called 40 times a second of the robot, for progress.
 
     Raises:
-        UnknownNameError: For a link or fault that does not exist.
+        UnknownNameError: For a link, a fault or a flight preset that does not exist.
         MissingDependencyError: Without a compiler, or without ROS.
         SpidarError: When the runner refuses the robot.
     """
     require_name("link", link, LINKS)
+    if mission.preset and mission.way is None:
+        require_flight_presets(parameters, mission.preset)
     injector = None
     if fault is not None:
         require_name("fault", fault, FAULTS)

@@ -324,7 +324,7 @@ def test_bad_words_are_refused(tmp_path, capfd):
     with pytest.raises(UnknownNameError, match="descend"):
         play(hover_mission(), fault="none", phase="nap")
     with pytest.raises(UnknownNameError, match="as_flown"):
-        flight_mission("gentle")
+        play(flight_mission("gentle"))
     with pytest.raises(InvalidValueError, match="TakeOff first"):
         course_mission([Land()])
     with pytest.raises(InvalidValueError):
