@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-UNCHECKED = ("adversary", "cli", "logs", "meta", "onboard", "paper", "policies", "sitl", "tune", "viz")
+UNCHECKED = ("adversary", "cli", "identify", "logs", "meta", "onboard", "paper", "policies", "sitl", "tune", "viz")
 """Folders whose tests run whole programs, marked `unchecked`: checks of shapes and types would add a quarter to their
 time, and the parts are checked in their own tests."""
 
