@@ -33,6 +33,9 @@ SPREAD = {
 encoders' stamps [s]; factor on the mass of a link; tilt of a thrust, vectoring offset and ducts together [rad]; shift
 of a centre of mass [m]; steady horizontal force in world axes, a tilted frame of the motion capture included [N];
 steady force [N] and torque [Nm] of the air in a form, torso axes."""
+ALIKE = {"gain": 0.05, "lag": 0.07}
+"""Standard deviations of gains and lags of modules of one make from their mean, over it [chosen, on robots other than
+those of the study hidden]."""
 COUNTS = {
     "gain": N_ROTORS, "lag": N_ROTORS, "delay": 1, "accelerometer": 1, "encoder": 1, "link_mass": N_LINKS,
     "tilt": 2 * N_ROTORS, "torso_com": 3, "link_com": 3 * N_LINKS, "wind": 2,
@@ -223,8 +226,12 @@ class _Unknowns:
         place, first = self._place, np.zeros(len(self._before))
         first[place["gain"]], first[place["lag"]] = 1.0 - self.gain, FIRST_LAG - self.lag
         first[place["delay"]] = self._delay - self.late
-        normal = rows.T @ rows + np.diag(1.0 / self._before**2)
-        self._value = value = np.linalg.solve(normal, rows.T @ values + first / self._before**2)
+        normal, slope = rows.T @ rows + np.diag(1.0 / self._before**2), rows.T @ values + first / self._before**2
+        for name, own in (("gain", self.gain), ("lag", self.lag)):
+            apart = (np.eye(N_ROTORS) - 1.0 / N_ROTORS) / (ALIKE[name] * own.mean())
+            normal[place[name], place[name]] += apart.T @ apart
+            slope[place[name]] -= apart.T @ (apart @ own)
+        self._value = value = np.linalg.solve(normal, slope)
         self._covariance = np.linalg.inv(normal)
         self._covariance[place["lag"], place["lag"]] += LAG_FLOOR**2
         self.gain = self.gain + value[place["gain"]]
