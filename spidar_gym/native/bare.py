@@ -11,7 +11,7 @@ import numpy as np
 
 from spidar_gym.native.engine_binding import Engine
 from spidar_gym.native.engine_structs import FASTEST
-from spidar_gym.native.mujoco import BOXED, FLAT, OWN, STATE, Simulation
+from spidar_gym.native.mujoco import BOXED, FLAT, FREE, OWN, STATE, Simulation
 from spidar_gym.sim.scene import TIMESTEP, scene
 
 
@@ -27,9 +27,10 @@ class BarePhysics:
         self._substeps = [int(each["config"]["substeps"]) for each in plant]
         ground = plant[0]["config"]["ground"]
         uneven, boxed = bool(ground["tiles"].any()), bool(ground["boxes"].any())
-        model = scene(visual=False, uneven=uneven, boxed=boxed, robot=engine.robot)
+        free = bool(plant[0]["config"]["object"]["shape"])
+        model = scene(visual=False, uneven=uneven, boxed=boxed, robot=engine.robot, free=free)
         self._simulations = [Simulation(model) for _ in plant]
-        names = next(names for names in (BOXED, OWN, FLAT) if len(names) == int(engine.record["piece_count"]))
+        names = next(names for names in (FREE, BOXED, OWN, FLAT) if len(names) == int(engine.record["piece_count"]))
         self._pieces = [simulation.pieces(names).tolist() for simulation in self._simulations]
         self._shares = np.array_split(np.arange(len(plant)), threads)
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None

@@ -27,6 +27,7 @@ from spidar_gym.sim import (
     disturbances,
     energy,
     ground,
+    object,
     recirculation,
     scene,
     sensors,
@@ -50,8 +51,8 @@ N_BALLS = N_LEGS + len(PEG_SITES)
 N_STATIONS = N_DUCTS + 3 * N_LINKS + 5
 """Points at which the air is evaluated: the ducts, three points on each link, five on the torso."""
 N_DOFS = 6 + N_ANGLES
-MUJOCO_STATE = 438
-"""Size of MuJoCo's state `mjSTATE_INTEGRATION`; checked against MuJoCo for each model."""
+MUJOCO_STATE, OBJECT_STATE = 438, 31
+"""Size of MuJoCo's state `mjSTATE_INTEGRATION` of a robot, and what an object adds to it; checked for each model."""
 MAX_BODIES, MAX_MOVING, MAX_GEOMS = 64, 64, 512
 """Largest numbers of bodies, of geoms of the robot and of all geoms."""
 MAX_WARNING_BYTES = 256
@@ -69,7 +70,7 @@ ENGINE_SIZES = {
     "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES,
     "TILES": TILES, "STAIR_ROW": STAIR_ROW, "STAIR_ROWS": STAIR_ROWS, "STAIRS": STAIRS, "BOXES": BOXES,
     "AIR_STEPS": AIR_STEPS, "SERVO_STEPS": SERVO_STEPS,
-    "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST, "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
+    "N_PATCHES": object.N_PATCHES, "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST, "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
 }  # fmt: skip
 """Numbers by their names in C without `SP_`."""
 ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
@@ -106,6 +107,7 @@ ENGINE_ENUMERATIONS = (
     Enumeration("path_kind", "Paths of the CoG.", PATHS, "PATHS_"),
     Enumeration("heading", "Headings of the robot on its path.", HEADINGS, "HEADING_"),
     Enumeration("terrain", "Kinds of floors with steps.", TERRAINS, "TERRAIN_"),
+    Enumeration("shape", "Shapes of an object.", object.SHAPES, "SHAPE_"),
     Enumeration("constraint", "Constraints of a robot.", violations.VIOLATIONS, "VIOLATED_", (1, 2, 4, 8, 16)),
     Enumeration("autoreset", "Modes of resetting at the end of an episode.", AUTORESETS, "RESET_"),
 )  # fmt: skip
@@ -133,6 +135,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("geom_touches geom_is_foot", "i4", (MAX_GEOMS,), "whether it collides with the floor; whether it is a foot"),
         ("tile", "i4", (TILES * TILES,), "geoms of the tiles, row by row; −1 where there are none"),
         ("box", "i4", (BOXES,), "geoms of the boxes; −1 where there are none"),
+        ("object object_geom", "i4", (), "body and geom of the object; −1 where there is none"),
         ("mass", "f8", (MAX_BODIES,), "of the described robot [kg]"),
         ("torso_axes", "f8", (4,), "principal axes of the torso's inertia, a quaternion"),
         ("inertia com", "f8", (MAX_BODIES, 3), "principal inertia [kg m²]; CoG [m]"),
@@ -147,12 +150,15 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("vectoring_kd", "f8", (), "damping of a vectoring servo [Nm s/rad]"),
         ("imu_position_b", "f8", (3,), "position of the inertial unit, which motion capture tracks [m]"),
         ("encoder_step", "f8", (N_ANGLES,), "one count of each encoder [rad]"),
-        ("start", "f8", (MUJOCO_STATE,), "MuJoCo's state after a reset"),
+        ("object_type", "i4", (len(object.SHAPES),), "MuJoCo's geom type of each shape"),
+        ("patch", "f8", (len(object.SHAPES), object.N_PATCHES, object.PATCH), "patches of an object with half sizes of 1"),
+        ("start", "f8", (MUJOCO_STATE + OBJECT_STATE,), "MuJoCo's state after a reset"),
     )),
     CStruct("air", "Result of one evaluation of the air.", (
         ("generalized", "f8", (N_DOFS,), "generalised force for qfrc_applied [N, Nm]"),
         ("thrust_factor", "f8", (N_DUCTS,), "thrust of each duct over that in still air"),
         ("forces_w points_w", "f8", (3 * N_STATIONS,), "force at each station and its position, world [N], [m]"),
+        ("object_force_w object_torque_w", "f8", (3,), "on the object, about its origin, world [N], [Nm]"),
     )),
     CStruct("weather", "State of wind and pushes.", (
         ("mean_w gust_w push_w", "f8", (3,), "mean wind, turbulence [m/s]; present push [N]; world"),
@@ -186,13 +192,22 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("duct_clearance", "f8", (), "height of the lowest duct over the floor [m]", INFINITE),
         ("hit", "f8", (), "largest force on anything but feet and pegs, with boxes only [N]"),
     )),
+    CStruct("object_state", "State of the object, and what acts on it.", (
+        ("position_w", "f8", (3,), "origin [m]"),
+        ("quat_wo", "f8", (4,), "attitude (w, x, y, z)"),
+        ("velocity_w omega_o", "f8", (3,), "velocity of the origin, world [m/s]; angular velocity, object axes [rad/s]"),
+        ("foot_force_w", "f8", (3 * N_LEGS,), "force of each foot on the object in the last physics step, world [N]"),
+        ("floor_force_w", "f8", (3,), "force of floor and boxes on the object in it [N]"),
+        ("air_force_w air_torque_w", "f8", (3,), "force of the air and its torque about the origin [N], [Nm]"),
+        ("is_hit", "i4", (), "whether parts other than feet have touched it since the reset", FLAG),
+    )),
     CStruct("plant", "One simulated robot: configuration and state.", (
         ("config", "plant_config", (), ""),
         ("disturbances", "disturbances", (), ""),
         ("floor_R", "f8", (9,), "attitude of the floor"),
         ("highest_tile", "f8", (), "over the floor's plane [m]"),
         ("delay vectoring_delay", "i8", (), "between a command and the actuators, in physics steps", COUNT),
-        ("row", "f8", (MUJOCO_STATE,), "MuJoCo's state"),
+        ("row", "f8", (MUJOCO_STATE + OBJECT_STATE,), "MuJoCo's state; the end is unused without an object"),
         ("state", "robot_state", (), "the true state"),
         ("clock", "i8", (), "physics steps since the reset", COUNT),
         ("pending_first pending_count", "i4", (), "ring buffer", ((0, MAX_PENDING - 1), (0, MAX_PENDING - 1))),
@@ -214,6 +229,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("is_stuck", "i4", (), "whether `stuck` is valid", FLAG),
         ("stuck", "f8", (2,), "vectoring angles of a module whose servos have failed [rad]"),
         ("power energy_wh", "f8", (), "[W], since the reset [Wh]"),
+        ("object", "object_state", (), "zero where there is none"),
         ("sensors", "sensor_memory", (), ""),
         ("generator", "generator", (), "of noise, wind and pushes"),
     )),

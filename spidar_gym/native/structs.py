@@ -25,6 +25,7 @@ from spidar_gym.model.rotor import Lock, LockConfig
 from spidar_gym.native.constants import ENUMERATIONS, snake
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, RobotSpec, field_docs, source_doc
 from spidar_gym.sim.disturbances import FAULTS
+from spidar_gym.sim.object import SHAPES
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES, Command, Measurement, Reference, Residual, RobotState
 
 T = TypeVar("T")
@@ -35,6 +36,7 @@ WORDS: dict[tuple[str, str], tuple[str, ...]] = {
     ("controller_config", "motion"): MOTIONS,
     ("gait_config", "stride"): STRIDES,
     ("disturbances", "fault"): FAULTS,
+    ("object_config", "shape"): SHAPES,
 }
 """Fields that are words in Python and numbers in C, with the valid words in order."""
 Bounds = tuple[int | float, int | float]

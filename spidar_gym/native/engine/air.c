@@ -164,11 +164,51 @@ static double near_ground(double factor, double centre_z, double up_z, const sp_
     return factor * (1.0 + strength * (ratio * ratio));
 }
 
+/* Evaluate the pressure of jets and wind on the windward patches of the object, at rest in the robot's wake: c ½ ρ (V·n)²
+ * along −n. Where c is 2, a jet that meets a face loses all of its momentum along the normal. */
+static void push_object(const sp_world *world, const sp_sim *sim, const sp_aero_config *config,
+                        const sp_object_config *object, const double *origin, const double *wind_w, const double *up,
+                        const double (*exits)[3], const double *w, sp_air *out)
+{
+    const double *at = sim->xpos + 3 * world->object, *R = sim->xmat + 9 * world->object;
+    const double *twist = sim->cvel + 6 * world->object, *com = sim->subtree_com + 3 * world->object;
+    double scale[3];
+    sp_object_scale(object, scale);
+    sp_zero(out->object_force_w, 3);
+    sp_zero(out->object_torque_w, 3);
+    for (int k = 0; k < SP_N_PATCHES; k++) {
+        const double *row = world->patch[object->shape][k];
+        int axis = k / (SP_N_PATCHES / 3);
+        double place[3] = {scale[0] * row[0], scale[1] * row[1], scale[2] * row[2]};
+        double lever[3], normal[3], from_com[3], turn[3], torque[3];
+        station s = {.R = R, .owner = -1};
+        sp_apply(R, place, lever);
+        sp_apply(R, row + 3, normal);
+        for (int i = 0; i < 3; i++) {
+            s.p[i] = at[i] + lever[i] - origin[i];
+            from_com[i] = at[i] + lever[i] - com[i];
+        }
+        sp_cross(from_com, twist, turn); /* wind − (v + ω × p) = wind − v + p × ω */
+        for (int i = 0; i < 3; i++) s.air[i] = wind_w[i] - twist[3 + i] + turn[i];
+        if (config->wake) add_wake(&s, 0, world, up, exits, w, config->core_length);
+        double into = -sp_dot(s.air, normal);
+        if (!(into > 0.0)) continue;
+        double area = row[6] * scale[(axis + 1) % 3] * scale[(axis + 2) % 3];
+        double pressed = 0.5 * SP_AIR_DENSITY * object->pressure * into * into * area;
+        for (int i = 0; i < 3; i++) {
+            normal[i] *= -pressed;
+            out->object_force_w[i] += normal[i];
+        }
+        sp_cross(lever, normal, torque);
+        for (int i = 0; i < 3; i++) out->object_torque_w[i] += torque[i];
+    }
+}
+
 /* Evaluate the forces of the air: `thrust` in still air and `noise` per module [N], wind [m/s] and push [N], world; the
  * state of the recirculation's eddy, NULL without. */
 void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_config *config,
-                     const sp_recirculation_config *recirculation, const double *thrust, const double *wind_w,
-                     const double *noise, const double *push_w, const double *eddy, sp_air *out)
+                     const sp_recirculation_config *recirculation, const sp_object_config *object, const double *thrust,
+                     const double *wind_w, const double *noise, const double *push_w, const double *eddy, sp_air *out)
 {
     const double *origin = sim->subtree_com + 3 * world->torso, half = 0.5 * SP_AIR_DENSITY;
     double area = SP_PI * (world->propeller_radius * world->propeller_radius), radius = world->torso_radius;
@@ -202,6 +242,8 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
         for (int k = 0; k < SP_DUCTS; k++) sum += lifts[k];
         add_eddy(all, world, sim, recirculation, eddy, sqrt(sum / (SP_DUCTS * SP_AIR_DENSITY * area)));
     }
+    if (world->object >= 0)
+        push_object(world, sim, config, object, origin, wind_w, up, (const double(*)[3])exits, w, out);
     double lowest = HUGE_VAL;
     for (int k = 0; k < SP_STATIONS; k++) {
         if (config->wake) add_wake(&all[k], k < SP_DUCTS, world, up, (const double(*)[3])exits, w, config->core_length);

@@ -187,7 +187,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_spawn(&episode->generator, &c->plant.generator);
     c->plant.disturbances = episode->disturbances;
     sp_charge(charge, &c->plant);
-    sp_plant_reset(e->world, &thread->sim, position_w, quat, c->manager.lying, level, idle, NULL, &c->plant);
+    sp_plant_reset(e->world, &thread->sim, position_w, quat, c->manager.lying, level, idle, NULL, NULL, &c->plant);
     sp_leave(&thread->sim, &c->plant);
     episode->ticks = 0;
     episode->failure = -1;

@@ -224,7 +224,7 @@ static void place(const sp_engine *e, const sp_hover_rules *rules, sp_thread *th
     sp_apply(R, turning, motion);
     for (int i = 0; i < 3; i++) motion[i] = h->velocity[i] - motion[i], motion[3 + i] = h->omega[i];
     for (int i = 0; i < SP_ROTORS; i++) thrust[i] = numbers->hover_thrust;
-    sp_plant_reset(e->world, &thread->sim, position_w, quat, q, vectoring, thrust, motion, &h->plant);
+    sp_plant_reset(e->world, &thread->sim, position_w, quat, q, vectoring, thrust, motion, NULL, &h->plant);
     sp_leave(&thread->sim, &h->plant);
 }
 

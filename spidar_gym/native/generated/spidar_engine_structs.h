@@ -21,6 +21,7 @@
 #define SP_BOXES 64 /* engine_structs */
 #define SP_AIR_STEPS 10 /* engine_structs */
 #define SP_SERVO_STEPS 5 /* engine_structs */
+#define SP_N_PATCHES 384 /* engine_structs */
 #define SP_IMU_STEPS 2 /* engine_structs */
 #define SP_FASTEST 0x1.8000000000000p+3 /* 12.0, engine_structs */
 #define SP_MAX_WARNING_BYTES 256 /* engine_structs */
@@ -99,6 +100,11 @@ typedef enum {
     SP_TERRAIN_TILES = 0, SP_TERRAIN_STAIRS = 1, SP_TERRAIN_MIXED = 2
 } sp_terrain;
 
+/* Shapes of an object. */
+typedef enum {
+    SP_SHAPE_NONE = 0, SP_SHAPE_BOX = 1, SP_SHAPE_CYLINDER = 2, SP_SHAPE_BALL = 3
+} sp_shape;
+
 /* Constraints of a robot. */
 typedef enum {
     SP_VIOLATED_FOOT = 1, SP_VIOLATED_DUCT = 2, SP_VIOLATED_PART = 4, SP_VIOLATED_TORQUE = 8, SP_VIOLATED_BLOWN = 16
@@ -174,6 +180,17 @@ typedef struct {
     double boxes[448]; /* (64, 7) Boxes in the world: centre, half of length, width and height [m], downward pitch of the front [rad]; boxes of zero size are unused. */
 } sp_ground_config;
 
+/* A free rigid object; its axes are those of its shape, with the origin in the shape's middle. */
+typedef struct {
+    int32_t shape; /* `box`, `cylinder` with a vertical axis, `ball`, or `none` for a world without an object. */
+    double half_size[3]; /* Half of length, width and height of a box; of a cylinder and a ball the first number is the radius, of a cylinder the last one half the height [m]. */
+    double mass; /* Mass [kg]. */
+    double com[3]; /* Position of the centre of mass [m]. */
+    double inertia; /* Factor on the inertia of a uniform solid about its centre of mass. */
+    double friction; /* Sliding friction of its surface against everything. */
+    double pressure; /* Pressure of air on a face over the dynamic pressure of the flow towards it: 2 where a jet loses all of its momentum along the normal, 1.1 is the drag of a bluff body. */
+} sp_object_config;
+
 /* Parameters of the recirculating wake; off by default. */
 typedef struct {
     double flow_xy; /* Standard deviation of U over w along x and along y, world axes [1]. */
@@ -217,6 +234,7 @@ typedef struct {
     sp_recirculation_config recirculation; /* Eddies of the air that returns to the robot. */
     sp_sensor_config sensors; /* Noise of the sensors. */
     sp_ground_config ground; /* The floor. */
+    sp_object_config object; /* A free object; by default there is none. */
 } sp_plant_config;
 
 /* Disturbances of an episode; all off by default. */
@@ -251,6 +269,7 @@ typedef struct {
     int32_t geom_touches[512], geom_is_foot[512]; /* whether it collides with the floor; whether it is a foot */
     int32_t tile[256]; /* geoms of the tiles, row by row; −1 where there are none */
     int32_t box[64]; /* geoms of the boxes; −1 where there are none */
+    int32_t object, object_geom; /* body and geom of the object; −1 where there is none */
     double mass[64]; /* of the described robot [kg] */
     double torso_axes[4]; /* principal axes of the torso's inertia, a quaternion */
     double inertia[64][3], com[64][3]; /* principal inertia [kg m²]; CoG [m] */
@@ -265,7 +284,9 @@ typedef struct {
     double vectoring_kd; /* damping of a vectoring servo [Nm s/rad] */
     double imu_position_b[3]; /* position of the inertial unit, which motion capture tracks [m] */
     double encoder_step[32]; /* one count of each encoder [rad] */
-    double start[438]; /* MuJoCo's state after a reset */
+    int32_t object_type[4]; /* MuJoCo's geom type of each shape */
+    double patch[4][384][7]; /* patches of an object with half sizes of 1 */
+    double start[469]; /* MuJoCo's state after a reset */
 } sp_world;
 
 /* Result of one evaluation of the air. */
@@ -273,6 +294,7 @@ typedef struct {
     double generalized[38]; /* generalised force for qfrc_applied [N, Nm] */
     double thrust_factor[16]; /* thrust of each duct over that in still air */
     double forces_w[135], points_w[135]; /* force at each station and its position, world [N], [m] */
+    double object_force_w[3], object_torque_w[3]; /* on the object, about its origin, world [N], [Nm] */
 } sp_air;
 
 /* State of wind and pushes. */
@@ -313,6 +335,17 @@ typedef struct {
     double hit; /* largest force on anything but feet and pegs, with boxes only [N] */
 } sp_touch;
 
+/* State of the object, and what acts on it. */
+typedef struct {
+    double position_w[3]; /* origin [m] */
+    double quat_wo[4]; /* attitude (w, x, y, z) */
+    double velocity_w[3], omega_o[3]; /* velocity of the origin, world [m/s]; angular velocity, object axes [rad/s] */
+    double foot_force_w[12]; /* force of each foot on the object in the last physics step, world [N] */
+    double floor_force_w[3]; /* force of floor and boxes on the object in it [N] */
+    double air_force_w[3], air_torque_w[3]; /* force of the air and its torque about the origin [N], [Nm] */
+    int32_t is_hit; /* whether parts other than feet have touched it since the reset */
+} sp_object_state;
+
 /* One simulated robot: configuration and state. */
 typedef struct {
     sp_plant_config config;
@@ -320,7 +353,7 @@ typedef struct {
     double floor_R[9]; /* attitude of the floor */
     double highest_tile; /* over the floor's plane [m] */
     int64_t delay, vectoring_delay; /* between a command and the actuators, in physics steps */
-    double row[438]; /* MuJoCo's state */
+    double row[469]; /* MuJoCo's state; the end is unused without an object */
     sp_robot_state state; /* the true state */
     int64_t clock; /* physics steps since the reset */
     int32_t pending_first, pending_count; /* ring buffer */
@@ -342,6 +375,7 @@ typedef struct {
     int32_t is_stuck; /* whether `stuck` is valid */
     double stuck[2]; /* vectoring angles of a module whose servos have failed [rad] */
     double power, energy_wh; /* [W], since the reset [Wh] */
+    sp_object_state object; /* zero where there is none */
     sp_sensor_memory sensors;
     sp_generator generator; /* of noise, wind and pushes */
 } sp_plant;
