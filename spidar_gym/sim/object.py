@@ -19,7 +19,7 @@ GEOM_TYPES = tuple(
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("BOX", "BOX", "CYLINDER", "SPHERE")
 )  # fmt: skip
 """MuJoCo's geom type of each shape."""
-FACE = 8
+FACE = 16
 """Patches along an edge of a face of the cube that is mapped onto the surface."""
 N_PATCHES = 6 * FACE**2
 PATCH = 7
@@ -78,7 +78,7 @@ class ObjectConfig:
 
     @property
     def patches(self) -> np.ndarray:
-        """Position [m], outward normal and area [m²] of each patch of the surface, (384, 7)."""
+        """Position [m], outward normal and area [m²] of each patch of the surface, (1536, 7)."""
         unit, (x, y, z) = unit_patches()[SHAPES.index(self.shape)], self.scale.tolist()
         across = np.repeat([y * z, z * x, x * y], 2 * FACE**2)
         return np.column_stack([unit[:, :3] * (x, y, z), unit[:, 3:6], unit[:, 6] * across])
@@ -109,7 +109,7 @@ class ObjectState:
 
 
 def unit_patches() -> np.ndarray:
-    """Return the patches of the four shapes with half sizes of 1: position, normal, area; (4, 384, 7).
+    """Return the patches of the four shapes with half sizes of 1: position, normal, area; (4, 1536, 7).
 
     The faces of a cube, ± x, ± y, ± z, are divided into equal squares, which are mapped onto the other shapes. Scaled,
     the positions are multiplied by the half sizes, the areas by those across the axis of the face.

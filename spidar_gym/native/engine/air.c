@@ -9,6 +9,7 @@
 #define STATIONS_A_LINK 3
 #define TORSO_STATIONS 5
 #define DISC_POINTS 5
+#define ALL_JETS ((1u << SP_DUCTS) - 1)
 
 /* Speed of the air at distance s behind a duct's exit and r from its axis, w at the exit: a core that shrinks to a point
  * over `core_length` diameters inside a Gaussian shear layer whose width follows from ∫ ρ u² dA = T at every s; beyond
@@ -61,15 +62,15 @@ static void place(station *s, const sp_sim *sim, int32_t body, const double *ori
     for (int i = 0; i < 3; i++) s->air[i] = wind_w[i] - v[3 + i] + turn[i];
 }
 
-/* Add the jets of other modules, which blow along −axis, to the air velocity at a station. */
+/* Add the jets of other modules, which blow along −axis, to the air velocity at a station; bit j of `jets` is jet j. */
 static void add_wake(station *s, int duct, const sp_world *world, const double *up, const double (*exits)[3],
-                     const double *w, double core_length)
+                     const double *w, double core_length, uint32_t jets)
 {
     static const double weights[DISC_POINTS] = {0.25, 0.1875, 0.1875, 0.1875, 0.1875};
     double disc = sqrt(2.0 / 3.0) * world->propeller_radius, flow[3] = {0.0, 0.0, 0.0}, fastest = 0.0;
     const double offsets[DISC_POINTS][2] = {{0, 0}, {disc, 0}, {0, disc}, {-disc, 0}, {0, -disc}};
     for (int j = 0; j < SP_DUCTS; j++) {
-        if (s->owner == j / 2) continue;
+        if (s->owner == j / 2 || !(jets >> j & 1)) continue;
         const double *axis = up + 3 * j;
         double from[3] = {s->p[0] - exits[j][0], s->p[1] - exits[j][1], s->p[2] - exits[j][2]};
         double behind = -sp_dot(from, axis), reach = SP_REACH + SP_SPREAD * behind;
@@ -164,16 +165,30 @@ static double near_ground(double factor, double centre_z, double up_z, const sp_
     return factor * (1.0 + strength * (ratio * ratio));
 }
 
-/* Evaluate the pressure of jets and wind on the windward patches of the object, at rest in the robot's wake: c ½ ρ (V·n)²
- * along −n. Where c is 2, a jet that meets a face loses all of its momentum along the normal. */
+/* Return the jets that reach a ball, by bits. */
+static uint32_t jets_towards(const double *centre, double radius, const double *up, const double (*exits)[3])
+{
+    uint32_t jets = 0;
+    for (int j = 0; j < SP_DUCTS; j++) {
+        double from[3] = {centre[0] - exits[j][0], centre[1] - exits[j][1], centre[2] - exits[j][2]};
+        double behind = -sp_dot(from, up + 3 * j), away = sqrt(sp_max(sp_dot(from, from) - behind * behind, 0.0));
+        double reach = SP_REACH + SP_SPREAD * sp_max(behind + radius, 0.0);
+        if (behind + radius > 0.0 && away < reach + radius) jets |= 1u << j;
+    }
+    return jets;
+}
+
+/* Evaluate the pressure of jets and wind on the object: c ½ ρ (V·n)² along −n on each windward patch, on which only the
+ * jets act that blow towards its face. Where c is 2, a jet that meets a face loses all of its momentum along the normal. */
 static void push_object(const sp_world *world, const sp_sim *sim, const sp_aero_config *config,
                         const sp_object_config *object, const double *origin, const double *wind_w, const double *up,
                         const double (*exits)[3], const double *w, sp_air *out)
 {
     const double *at = sim->xpos + 3 * world->object, *R = sim->xmat + 9 * world->object;
     const double *twist = sim->cvel + 6 * world->object, *com = sim->subtree_com + 3 * world->object;
-    double scale[3];
+    double scale[3], middle[3] = {at[0] - origin[0], at[1] - origin[1], at[2] - origin[2]};
     sp_object_scale(object, scale);
+    uint32_t near = config->wake ? jets_towards(middle, sp_norm(scale), up, exits) : 0;
     sp_zero(out->object_force_w, 3);
     sp_zero(out->object_torque_w, 3);
     for (int k = 0; k < SP_N_PATCHES; k++) {
@@ -190,7 +205,10 @@ static void push_object(const sp_world *world, const sp_sim *sim, const sp_aero_
         }
         sp_cross(from_com, twist, turn); /* wind − (v + ω × p) = wind − v + p × ω */
         for (int i = 0; i < 3; i++) s.air[i] = wind_w[i] - twist[3 + i] + turn[i];
-        if (config->wake) add_wake(&s, 0, world, up, exits, w, config->core_length);
+        uint32_t jets = near;
+        for (int j = 0; j < SP_DUCTS && jets; j++)
+            if (!(sp_dot(up + 3 * j, normal) > 0.0)) jets &= ~(1u << j);
+        if (jets) add_wake(&s, 0, world, up, exits, w, config->core_length, jets);
         double into = -sp_dot(s.air, normal);
         if (!(into > 0.0)) continue;
         double area = row[6] * scale[(axis + 1) % 3] * scale[(axis + 2) % 3];
@@ -246,7 +264,8 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
         push_object(world, sim, config, object, origin, wind_w, up, (const double(*)[3])exits, w, out);
     double lowest = HUGE_VAL;
     for (int k = 0; k < SP_STATIONS; k++) {
-        if (config->wake) add_wake(&all[k], k < SP_DUCTS, world, up, (const double(*)[3])exits, w, config->core_length);
+        if (config->wake)
+            add_wake(&all[k], k < SP_DUCTS, world, up, (const double(*)[3])exits, w, config->core_length, ALL_JETS);
         else if (still) sp_zero(all[k].air, 3);
     }
     for (int k = 0; k < SP_DUCTS; k++) lowest = sp_min(lowest, all[k].p[2] + origin[2] + world->duct_z * up[3 * k + 2]);

@@ -21,7 +21,7 @@
 #define SP_BOXES 64 /* engine_structs */
 #define SP_AIR_STEPS 10 /* engine_structs */
 #define SP_SERVO_STEPS 5 /* engine_structs */
-#define SP_N_PATCHES 384 /* engine_structs */
+#define SP_N_PATCHES 1536 /* engine_structs */
 #define SP_IMU_STEPS 2 /* engine_structs */
 #define SP_FASTEST 0x1.8000000000000p+3 /* 12.0, engine_structs */
 #define SP_MAX_WARNING_BYTES 256 /* engine_structs */
@@ -285,7 +285,7 @@ typedef struct {
     double imu_position_b[3]; /* position of the inertial unit, which motion capture tracks [m] */
     double encoder_step[32]; /* one count of each encoder [rad] */
     int32_t object_type[4]; /* MuJoCo's geom type of each shape */
-    double patch[4][384][7]; /* patches of an object with half sizes of 1 */
+    double patch[4][1536][7]; /* patches of an object with half sizes of 1 */
     double start[469]; /* MuJoCo's state after a reset */
 } sp_world;
 
