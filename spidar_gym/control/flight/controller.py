@@ -35,11 +35,12 @@ from spidar_gym.control.flight.compensation import (
 from spidar_gym.control.flight.memory import ControlState, FlightMemory, FlightRecord, fresh_memory
 from spidar_gym.control.flight.motion import MOTIONS, MotionMemory, fresh_motion, observe_motion, unbend, whole_motion
 from spidar_gym.control.flight.observation import FlightObservables, observe
+from spidar_gym.control.grasp.grip import Grip, grip_torque
 from spidar_gym.control.readable import ReadableController
 from spidar_gym.control.rotors import ALL_FREE, flight_demand
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.model.dynamics import Model, Snapshot
-from spidar_gym.model.interference import Interference, InterferenceConfig, find_interference, no_interference
+from spidar_gym.model.interference import Disc, Interference, InterferenceConfig, find_interference, no_interference
 from spidar_gym.model.rotor import (
     Lock,
     LockConfig,
@@ -198,6 +199,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         reference: Reference,
         residual: Residual = NO_RESIDUAL,
         control_state: ControlState | None = None,
+        grip: Grip | None = None,
     ) -> Command:
         """Compute the command of one control tick.
 
@@ -206,6 +208,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             reference: Desired motion.
             residual: Additions of a policy; `NO_RESIDUAL` is the paper's controller.
             control_state: `compute_state(state, reference)`, if the caller has already computed it.
+            grip: An object below, and what the legs do with it.
 
         Returns:
             The command for the next control period; `self.last_step` records how it was computed. If the state or the
@@ -219,10 +222,21 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         control_state = control_state or self.compute_state(state, reference)
         seen, control_state, motion = self._fed_back(state, reference, control_state)
         R_wb, snapshot = control_state.R_wb, control_state.snapshot
-        joints, speed = self.compute_joints(reference.joint_target + residual.joint_offset, residual.joint_speed_scale)
+        target = reference.joint_target + residual.joint_offset
+        if grip is not None and grip.force > 0.0 and self.last_step is not None:
+            # The servos' share of the grip: their springs exert it when their setpoints lead.
+            target = target + self.last_step.allocation.joint_torques / self.model.robot.joint_kp
+        joints, speed = self.compute_joints(target, residual.joint_speed_scale)
         wrench, integrals, compensation = self.compute_wrench(seen, reference, control_state, joints)
         wrench += residual.wrench
-        demand, lock, bounds = self._demand(memory, snapshot, reference, state.vectoring, wrench)
+        if grip is not None:
+            wrench += grip.carried(snapshot, R_wb, state.position_w)
+        disc = None if grip is None else grip.disc(snapshot, R_wb, state.position_w)
+        demand, lock, bounds = self._demand(memory, snapshot, reference, state.vectoring, wrench, disc)
+        if grip is not None:
+            feet = self.model.stance(state.joint_position, R_wb, state.vectoring)[1]
+            torque = grip_torque(grip.foot_forces(feet, R_wb, state.position_w), feet.J)
+            demand = replace(demand, gravity_torque=demand.gravity_torque + torque)
         allocation = self.allocator.allocate(demand, reference.mode, memory.forces_l)
         if residual.forces_l is not None and residual.forces_l.any():
             allocation = self.allocator.project(demand, allocation.forces_l + residual.forces_l, memory.forces_l)
@@ -371,13 +385,15 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         return self._demand(memory, snapshot, reference or level, vectoring, wrench)[0]
 
     def _demand(
-        self, memory: FlightMemory, snapshot: Snapshot, reference: Reference, vectoring: Vectoring, wrench: Wrench
+        self, memory: FlightMemory, snapshot: Snapshot, reference: Reference, vectoring: Vectoring, wrench: Wrench,
+        disc: Disc | None = None,
     ) -> tuple[Demand, Lock, Interference]:
         """Build the allocation's demand in the mode and with the lost modules of the `reference`."""
         return flight_demand(
             memory, self.allocator.mode(reference.mode), snapshot, vectoring, wrench,
             lost_thrust=reference.lost_thrust, lost_vectoring=reference.lost_vectoring,
             interference_config=self.config.interference, lock_config=self.config.lock, thrust_limit=self.thrust_limit,
+            disc=disc,
         )  # fmt: skip
 
     def compute_joints(self, target: JointVector, speed_scale: float) -> tuple[JointVector, JointVector]:
