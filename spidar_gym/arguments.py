@@ -22,7 +22,8 @@ FlightPresetArg = Annotated[str, choice(PRESETS)]
 CrawlPresetArg = Annotated[str, choice(CRAWL_PRESETS)]
 AnyPresetArg = Annotated[str | None, choice((*PRESETS, *CRAWL_PRESETS))]
 WorldArg = Annotated[
-    str, tyro.conf.arg(help="Calibrated world of the robots, calibrated_1, or one kind, calibrated_1:wake-damped.")
+    str,
+    tyro.conf.arg(help="Calibrated world of the robots, calibrated_1, one kind, calibrated_1:wake-damped, or a file."),
 ]
 ParametersArg = Annotated[
     Path | None,

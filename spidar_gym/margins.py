@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -330,7 +330,7 @@ def _described(robot: RobotSpec, world: str) -> str:
 
 def require_margins(
     names: Sequence[str], robot: RobotSpec = ROBOT, world: str = WORLD,
-    own: Mapping[str, ControllerConfig] | None = None,
+    own: Mapping[str, ControllerConfig] | None = None, on_preset: Callable[[], object] = lambda: None,
 ) -> None:  # fmt: skip
     """Require flight controllers to have the margins that an export requires.
 
@@ -339,14 +339,16 @@ def require_margins(
         robot: The robot.
         world: Calibrated world, by name or file, over whose robots the margins are the worst ones.
         own: Further controllers by name.
+        on_preset: Called after the margins of each, for progress.
 
     Raises:
         UnknownNameError: For a preset that does not exist.
         SpidarError: For the first controller that lacks one; names its margins.
     """
-    found = [(name, preset_margins(name, robot, world)) for name in names]
-    found += [(name, config_margins(config, robot, world)) for name, config in (own or {}).items()]
-    for name, margins in found:
+    wanted: list[tuple[str, ControllerConfig | None]] = [*((name, None) for name in names), *(own or {}).items()]
+    for name, config in wanted:
+        margins = preset_margins(name, robot, world) if config is None else config_margins(config, robot, world)
+        on_preset()
         if lack := lacking(margins):
             raise SpidarError(
                 f"preset {name} on the worst of {_described(robot, world)}: {lack}; valid: the option that exports it "

@@ -7,7 +7,7 @@ import tyro
 
 from spidar_gym.arguments import JsonArg
 from spidar_gym.console import drawn, kept, progress
-from spidar_gym.errors import SpidarError, require_above, require_least
+from spidar_gym.errors import SpidarError, require_least, require_name, require_within
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.identify.identify import identify
 from spidar_gym.identify.robot_file import BASE, robot_text
@@ -15,6 +15,7 @@ from spidar_gym.logs.open import read_log
 from spidar_gym.onboard.messages import NAMESPACE
 from spidar_gym.processes import cpu_count
 from spidar_gym.robot import ROBOT, RobotSpec
+from spidar_gym.sim.worlds import world_names
 from spidar_gym.viz.identified import draw_report
 
 LogsArg = Annotated[
@@ -59,10 +60,13 @@ def identify_(
     if out.suffix != ".toml":
         raise SpidarError(f"{out} is no file of a robot; valid: a name that ends in .toml")
     require_least(1, threads=threads)
-    require_above(mass_deviation=mass_deviation)
-    if mass is not None:
-        require_above(mass=mass)
+    if out.is_dir():
+        raise SpidarError(f"{out} is a folder; valid: the name of a file that ends in .toml")
+    require_name("world", world, world_names())
     spec = ROBOT if robot is None else RobotSpec.parse(robot)
+    require_within(1e-4, 1.0, "kg", mass_deviation=mass_deviation)
+    if mass is not None:
+        require_within(0.5 * spec.total_mass, 2.0 * spec.total_mass, "kg", mass=mass)
     folder = output_folder(out.parent)
     with progress(total=len(logs), unit="log", desc="identify", bar_format=BAR) as bar, kept(lambda: "nothing written"):
         records = [(path.name, read_log(path, namespace=namespace)) for path in logs]

@@ -98,6 +98,8 @@ def tune(
         f"{last['generation'] + 1} "
         f"generations, written to {folder / tuning.log_name(search)}"
     )
+    if lack := float(last["shortfall"]):
+        print(f"its margins are too small, by {lack:.1%} in sum; more generations with the same command may hold them")
     if found.loops is not None:
         print("\n" + format_table(margin_lines(found.loops(last["parameters"])), left=1))
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from spidar_gym.arguments import Flag
 from spidar_gym.cli.export import PresetsArg
+from spidar_gym.console import progress
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.files import whole_file
 from spidar_gym.margins import WORLD, require_margins
@@ -28,7 +29,7 @@ def parameters(
         robot: TOML file of a custom robot, or of an identified one; the nominal robot if not given.
         presets: Flight presets of the file; those of an export if not given. It holds all crawl presets. Those whose
             worst margins over robots of the calibrated world are too small are refused, as by `spidar export`; of an
-            identified robot over robots of its own world.
+            identified robot over robots of its own world, about a minute and a half of one core for each preset.
         tuned: Log of a search for a flight controller, of `spidar tune`; its result is the preset tuned_here.
         fragile: Write presets whatever their margins are.
     """
@@ -38,7 +39,8 @@ def parameters(
     if not (names or own):
         raise InvalidValueError("presets", list(names), "at least one flight preset")
     if not fragile:
-        require_margins(names, spec, margins_world(robot, WORLD), own)
+        with progress(total=len(names) + len(own), unit="preset", desc="margins") as bar:
+            require_margins(names, spec, margins_world(robot, WORLD), own, bar.update)
     text = parameters_text(parameters_record(spec, names, own=own))
     with whole_file(out) as made:
         made.write_bytes(text)

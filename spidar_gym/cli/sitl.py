@@ -233,6 +233,8 @@ def first_flights(
     """
     require_least(0, seed=seed)
     require_least(1, flights=flights)
+    if not presets:
+        raise InvalidValueError("presets", [], "at least one flight preset")
     require_flight_presets(parameters, *presets)
     require_name("link", link, LINKS)
     if damping is not None:

@@ -1,7 +1,7 @@
 """Held-out fit of a flight: where the robot is one second later, predicted from a measured state and the commands.
 
-The seconds lie outside the swings from which gains and lags are estimated. The model is simulated without air: what its
-eddies and gusts do within a second is the least error.
+The seconds lie outside the swings from which gains and lags are estimated. The model is simulated without air but for
+its steady wrench in each form, which is one of the estimates: what eddies and gusts do in a second is the least error.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -67,7 +67,13 @@ def predict(
     motion = motion_of(record)
     begins = _begins(record, motion)
     config = PlantConfig.of(robot)
-    model = Plant(replace(config, body=replace(config.body, total_mass=mass))).model
+    config = replace(config, body=replace(config.body, total_mass=mass))
+    if hovers is not None:
+        config = replace(
+            config, body=replace(config.body, torso_com=hovers.torso_com.value),
+            actuators=replace(config.actuators, thrust_tilt=hovers.tilt.value),
+        )  # fmt: skip
+    model = Plant(config).model
     gain, lag = np.ones(N_ROTORS), np.full(N_ROTORS, robot.thrust_lag)
     speed = np.full(N_JOINTS, robot.joint_speed)
     joints, gimbals = (slice(N_ROTORS, N_ROTORS + N_JOINTS), slice(N_ROTORS + N_JOINTS, N_ROTORS + N_JOINTS + 16))
@@ -99,7 +105,7 @@ def predict(
             values[np.maximum(np.searchsorted(at, times + 1e-6, side="right") - 1, 0)]
             for at, values in zip(come, commands, strict=True)
         ]
-        controls.append(np.concatenate(held, axis=1))
+        controls.append(np.concatenate([*held, np.tile(_steady(hovers, motion, k, model.nv), (steps, 1))], axis=1))
         lever, omega_w = R @ IMU_POSITION_B, R @ motion.omega_b[k]
         data.qpos[:3], data.qvel[:3] = path(now) - lever, path.derivative()(now) - np.cross(omega_w, lever)
         data.qpos[3:7], data.qvel[3:6] = Rotation.from_matrix(R).as_quat()[[3, 0, 1, 2]], motion.omega_b[k]
@@ -109,7 +115,10 @@ def predict(
         mujoco.mj_getState(model, data, state, kind)
         starts.append(state)
     threads_data = [mujoco.MjData(model) for _ in range(threads)]
-    states = np.asarray(rollout.rollout(model, threads_data, np.array(starts), np.array(controls))[0])
+    given = mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED
+    states = np.asarray(
+        rollout.rollout(model, threads_data, np.array(starts), np.array(controls), control_spec=int(given))[0]
+    )
     last = states[:, -1, 1 : 1 + model.nq]
     then = begins + round(SECONDS / (motion.time[1] - motion.time[0]))
     turned = Rotation.from_quat(last[:, [4, 5, 6, 3]])
@@ -120,6 +129,17 @@ def predict(
     )  # fmt: skip
     position, attitude = (float(np.sqrt((own**2).sum(axis=1).mean())) for own in errors[:2])
     return Ahead(position, attitude, float(np.sqrt((errors[2] ** 2).mean()))), len(begins)
+
+
+def _steady(hovers: Hovers | None, motion: Motion, k: int, dofs: int) -> np.ndarray:
+    """Return the steady force of the air at a sample, as a generalised force: that of the nearest form, and wind."""
+    applied = np.zeros(dofs)
+    if hovers is not None:
+        near = int(np.abs(hovers.forms - motion.angle[k, :N_JOINTS]).max(axis=1).argmin())
+        air = hovers.air.value[near]
+        applied[:3], applied[3:6] = motion.R_wb[k] @ air[:3], air[3:]
+        applied[:2] += hovers.wind.value
+    return applied
 
 
 def _begins(record: Record, motion: Motion) -> np.ndarray:

@@ -77,7 +77,9 @@ def identify(
         on_share(name, 1.0)
     found = Identified(weighed, servos, hovers)
     sensors = find_sensors((flights or benches)[0][1])
-    return Report(tuple(name for name, _ in logs), tuple(report_lines(found, sensors)), sensors, found, ahead)
+    used = tuple(name for name, _ in (*benches, *flights))
+    unused = tuple(name for name, _ in logs if name not in used)
+    return Report(used, tuple(report_lines(found, sensors)), sensors, found, ahead, unused)
 
 
 def has_swings(record: Record) -> bool:

@@ -12,6 +12,9 @@ from spidar_gym.identify.robot_file import Identified
 from spidar_gym.identify.sensors import Sensors
 from spidar_gym.robot import FORMS, JOINT_NAMES, N_ROTORS
 
+WORSE = {"joints": 1.1, "position": 1.3, "attitude": 1.3}
+"""Errors one second ahead over those of the described robot from which on they are worse: about thirty predictions of
+what eddies do differ by so much [chosen]."""
 MODULES = tuple(f"module {k + 1}" for k in range(N_ROTORS))
 AXES = tuple(f"{module} {axis}" for module in MODULES for axis in "xy")
 
@@ -45,17 +48,15 @@ QUANTITIES = {
     "mean_gain_over_mass": Quantity("mean gain over mass", "1/kg", THRUST),
     "lag": Quantity("lag of the thrust", "s", f"{THRUST}, after the test bench", MODULES),
     "mean_lag": Quantity("mean lag of the thrusts", "s", f"{THRUST}, after the test bench"),
-    "tilt": Quantity(
-        "tilt of the thrust, vectoring zero and ducts together", "rad", "fly the test forms too, or use a jig", AXES
-    ),
+    "tilt": Quantity("tilt of the thrust, vectoring zero and ducts together", "rad", "use a jig", AXES),
     "torso_com": Quantity("shift of the torso's centre of mass", "m", "hang the robot from two points", tuple("xyz")),
     "wind": Quantity(
         "steady horizontal force, world",
         "N",
-        "hover at two headings, with a level frame of the motion capture",
+        "longer hovers at two headings, with a level frame of the motion capture",
         ("x", "y"),
     ),
-    "air": Quantity("steady wrench of the air, torso", "N, Nm", "fly the test forms too"),
+    "air": Quantity("steady wrench of the air, torso", "N, Nm", "longer hovers; tilts and centre of mass from a jig"),
     "latency": Quantity("latency of the motion capture", "s", "log with the motion capture"),
 }
 """Kinds of parameters by their key."""
@@ -124,7 +125,8 @@ def _lines(key: str, estimate: Estimate | None, places: tuple[str, ...] = ()) ->
     places = places or QUANTITIES[key].places
     if estimate is None:
         return [Line(key, place, np.nan, np.nan, np.nan, False) for place in places]
-    columns = (np.ravel(own).tolist() for own in (estimate.value, estimate.low, estimate.high, estimate.told))
+    low = np.maximum(estimate.low, 0.0) if key == "friction" else estimate.low
+    columns = (np.ravel(own).tolist() for own in (estimate.value, low, estimate.high, estimate.told))
     return [Line(key, place, *row) for place, row in zip(places, zip(*columns, strict=True), strict=True)]
 
 
@@ -142,6 +144,8 @@ class Report:
     """Estimates."""
     ahead: Mapping[str, tuple[Ahead, int, Ahead]]
     """Log of a flight → errors one second ahead of the identified robot, their number, and those of the described."""
+    unused: tuple[str, ...] = ()
+    """Names of logs that tell nothing."""
 
     def facts(self) -> dict[str, Any]:
         """Return the report as JSON: numbers that are not known are null."""
@@ -159,7 +163,7 @@ class Report:
                 "described_rad": servos.described.tolist(),
             }
         return {
-            "logs": list(self.logs),
+            "logs": list(self.logs), "unused": list(self.unused), "worse": self.worse,
             "parameters": [
                 {
                     "parameter": line.key, "place": line.place, "unit": QUANTITIES[line.key].unit,
@@ -175,9 +179,24 @@ class Report:
             "one_second_ahead": {"bench": bench, "flights": fit},
         }  # fmt: skip
 
+    @property
+    def worse(self) -> list[str]:
+        """What the identified robot predicts worse than the described one, beyond what eddies change by chance."""
+        found, servos = [], self.found.servos
+        if servos is not None and np.linalg.norm(servos.ahead) > np.linalg.norm(servos.described):
+            found.append("joint angles on the bench")
+        for name, (own, _, described) in self.ahead.items():
+            found += [
+                f"{kind} in {name}"
+                for kind, most in WORSE.items() if getattr(own, kind) > most * getattr(described, kind)
+            ]  # fmt: skip
+        return found
+
     def text(self) -> str:
         """Return the report as Markdown."""
         lines = ["# Identification", "", f"Logs: {', '.join(self.logs)}"]
+        if self.unused:
+            lines[-1] += f"; not used: {', '.join(self.unused)}, which are neither a test bench nor a test thrust"
         lines += ["", "| parameter | of | value | 95 % interval | unit |", "|---|---|---|---|---|"]
         lines += [
             f"| {QUANTITIES[line.key].name} | {line.place} | {line.value:.4g} | {line.low:.4g} … {line.high:.4g} "
@@ -228,6 +247,10 @@ class Report:
                 f"the air is {_list(hovers.slow)} N and Nm about the torso's axes, with correlation times of "
                 f"{_list(hovers.slow_time)} s.",
             ]  # fmt: skip
+        verdict = "The identified robot predicts no worse than the described one."
+        if self.worse:
+            verdict = f"Worse than the described robot: {', '.join(self.worse)}. Something was wrong in a test."
+        lines += ["", verdict]
         if servos is not None:
             lines += ["", f"{100.0 * servos.lost:.1f} % of the commands that would have moved a joint did not arrive."]
         return lines

@@ -131,7 +131,10 @@ def parameters_of(data: bytes) -> np.ndarray:
 
 def read_parameters(path: Path) -> np.ndarray:
     """Read a parameter file into a record of `sp_parameters` (`BorderError` for one that the runner refuses)."""
-    return parameters_of(read_file(path, MOST_BYTES))
+    try:
+        return parameters_of(read_file(path, MOST_BYTES))
+    except BorderError as error:
+        raise BorderError(f"{path}: {error}") from error
 
 
 def flight_presets(path: Path) -> list[str]:

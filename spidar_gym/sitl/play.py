@@ -1,6 +1,7 @@
 """Run missions with the simulated robot: build the runner, run it, read its log."""
 
 import copy
+import shutil
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 
 from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.errors import SpidarError, require_name
-from spidar_gym.files import scratch_folder
+from spidar_gym.files import scratch_folder, whole_file
 from spidar_gym.logs.runner_log import RunnerLog, read_runner_log
 from spidar_gym.onboard.build import build_runner
 from spidar_gym.onboard.parameters import flight_presets
@@ -108,7 +109,7 @@ def play(
         silent: Topics that this robot does not publish.
         runner: The runner's program; the one built from the present sources by default.
         parameters: Parameter file that the runner reads; the compiled parameters by default.
-        log: File for the runner's log; a temporary one by default.
+        log: File for the runner's log, written when the run has ended; none by default.
         on_tick: Called 40 times a second of the robot, for progress.
 
     Raises:
@@ -128,7 +129,7 @@ def play(
         injector = Injector(FAULTS[fault], after, np.random.Generator(np.random.PCG64(seed)), phase)
     runner, late = runner or build_for(link), []
     with scratch_folder() as scratch:
-        text, written = scratch / "mission.txt", log or scratch / "run.log"
+        text, written = scratch / "mission.txt", scratch / "run.log"
         lines = "" if injector is None else injector.fault.lines
         text.write_text(mission.text + lines, encoding="utf-8")
         # In real time, repeat the run when the machine stalled: a simulation that pauses in mid-air is no valid test.
@@ -149,7 +150,11 @@ def play(
             # Also repeat it when the run ended before the fault was injected.
             came = injector is None or run.fault_at < np.inf
             if run.late <= LATE and (came or link == "socket"):
-                return Played(mission, run, read_runner_log(written))
+                found = Played(mission, run, read_runner_log(written))
+                if log is not None:  # whole, or the one of a former run
+                    with whole_file(log) as made:
+                        shutil.copyfile(written, made)
+                return found
             late.append(f"{1e3 * run.late:.0f} ms late" if run.late > LATE else "finished before the fault")
     raise SpidarError(
         f"this machine cannot run the robot in real time: it was {', '.join(late)}; valid: one with two idle cores"

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.border import parse_json, read_file, require_form
+from spidar_gym.border import BorderError, parse_json, read_file, require_form
 from spidar_gym.errors import SpidarError
 from spidar_gym.files import json_text, output_folder, write_text
 from spidar_gym.logs.mcap import write_mcap
@@ -60,9 +60,13 @@ def sample(folder: Path, robots: int, world: str = WORLD, again: Path | None = N
     """
     sealed = folder / "sealed" / "robots.json"
     if sealed.exists():
+        if (have := len(sealed_robots(folder))) != robots:
+            raise SpidarError(f"{folder} has {have} robots; valid: --robots {have}, or a new folder")
         return
     output_folder(sealed.parent)
     seeds = [secrets.randbits(62) for _ in range(robots)] if again is None else _former(again)[:robots]
+    if len(seeds) < robots:
+        raise SpidarError(f"{again} has {len(seeds)} robots; valid: --robots 1 … {len(seeds)}")
     rows = [{"seed": seed, "robots": Randomization.parse(world).in_turn(k).name} for k, seed in enumerate(seeds)]
     write_text(sealed, json_text({"robots": rows}))
     write_text(folder / "sealed.sha256", hashlib.sha256(sealed.read_bytes()).hexdigest())
@@ -132,16 +136,22 @@ def score(folder: Path) -> list[dict[str, Any]]:
 
 def _former(path: Path) -> list[int]:
     """Return the seeds of the robots of a former result (`BorderError` for another file)."""
-    content = parse_json(read_file(path, MOST_BYTES))
-    require_form(content, {"hidden": [ROW]}, path.name)
+    try:
+        content = parse_json(read_file(path, MOST_BYTES))
+        require_form(content, {"hidden": [ROW]}, "it")
+    except BorderError as error:
+        raise SpidarError(f"{path} is no result of the study hidden: {error}; valid: its hidden.json") from error
     return list({row["robot"]: row["seed"] for row in content["hidden"]}.values())
 
 
 def sealed_robots(folder: Path) -> list[dict[str, Any]]:
     """Read the sealed robots; their hash is checked."""
     path = folder / "sealed" / "robots.json"
-    data = read_file(path, MOST_BYTES)
-    if hashlib.sha256(data).hexdigest() != (folder / "sealed.sha256").read_text(encoding="utf-8").strip():
+    try:
+        data, pin = read_file(path, MOST_BYTES), read_file(folder / "sealed.sha256", MOST_BYTES).decode().strip()
+    except (BorderError, UnicodeDecodeError) as error:
+        raise SpidarError(f"{folder} has no sealed robots: {error}; valid: a folder of the study hidden") from error
+    if hashlib.sha256(data).hexdigest() != pin:
         raise SpidarError(f"{path} is not what was sealed; valid: a new folder")
     return json.loads(data)["robots"]
 

@@ -308,10 +308,10 @@ def check_search(name: str, *, generations: int, population: int, scenarios: int
 
 def _world_of(robots: str) -> World:
     """Return a calibrated world by name or file (`InvalidValueError` for another randomisation)."""
-    world = Randomization.parse(robots).world
-    if world is None:
-        raise InvalidValueError("robots", robots, "the name or file of a calibrated world")
-    return world
+    found = Randomization.parse(robots)
+    if found.world is None or found.ranges:
+        raise InvalidValueError("robots", robots, "the name or file of a calibrated world, or of an identified robot")
+    return found.world
 
 
 def _require_calibrated(name: str, robots: str) -> None:

@@ -41,5 +41,6 @@ def test_the_commands_lead_from_logs_to_a_tuned_flight(tmp_path, monkeypatch, re
         main(words)
     assert read_world(Path("identified/robot.toml")).robot.described_mass == pytest.approx(16.3)
     assert "tuned_here" in flight_presets(Path("robot.txt"))
-    flights = json.loads(Path("out/sitl-first-flights/first_flights.json").read_text(encoding="utf-8"))["flights"]
+    folder = Path("out/sitl-first-flights" if whole else "simulated")
+    flights = json.loads((folder / "first_flights.json").read_text(encoding="utf-8"))["flights"]
     assert all(row["stayed_up"] for row in flights)

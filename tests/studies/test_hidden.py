@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from spidar_gym.border import BorderError
 from spidar_gym.errors import SpidarError
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.randomize import Randomization, randomize
@@ -36,8 +35,15 @@ def test_the_robots_of_a_former_result_are_sampled_once_more(tmp_path):
     sample(tmp_path / "again", 2, again=path)
     assert sealed_robots(tmp_path / "again") == robots[:2]
     path.write_text(json.dumps({"hidden": [{}]}))
-    with pytest.raises(BorderError, match="robot"):
+    with pytest.raises(SpidarError, match=r"no result of the study hidden: .* lacks robot"):
         sample(tmp_path / "none", 2, again=path)
+    path.write_text(json.dumps({"hidden": rows[:1]}))
+    with pytest.raises(SpidarError, match="has 1 robots; valid: --robots 1 … 1"):
+        sample(tmp_path / "none", 2, again=path)
+    with pytest.raises(SpidarError, match="has 3 robots; valid: --robots 3"):
+        sample(tmp_path / "first", 2)
+    with pytest.raises(SpidarError, match="has no sealed robots"):
+        sealed_robots(tmp_path)
 
 
 @pytest.mark.parametrize("kind", ["wake-described", "build-damped"])
