@@ -21,9 +21,10 @@ from spidar_gym.control.estimator import HISTORY
 from spidar_gym.control.flight import centroidal, compensation, motion, observation, path
 from spidar_gym.control.flight import controller as flight_controller
 from spidar_gym.control.flight.motion import COMMANDS
+from spidar_gym.control.grasp import grip
 from spidar_gym.control.locomotion import commands as locomotion
 from spidar_gym.control.locomotion import manager, orders
-from spidar_gym.model import rotor
+from spidar_gym.model import interference, rotor
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
 
@@ -58,6 +59,7 @@ SIZES = {
 }  # fmt: skip
 """Integers by their names in C without `SP_`."""
 NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
+    ("GRIP_", grip, ("LEVER",)), ("DISC_", interference, ("NEAREST", "FARTHEST")),
     ("", flight_controller, ("CONTROL_RATE",)),
     ("", observation, ("NO_NEXT_FORM",)),
     ("", state, ("LEAST_QUATERNION",)),

@@ -19,8 +19,9 @@ from spidar_gym.control.flight.centroidal import CentroidalConfig, MotionError
 from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.motion import MOTIONS
+from spidar_gym.control.grasp.grip import Grip
 from spidar_gym.control.locomotion.orders import ManagerConfig
-from spidar_gym.model.interference import InterferenceConfig, no_interference
+from spidar_gym.model.interference import Disc, InterferenceConfig, no_interference
 from spidar_gym.model.rotor import Lock, LockConfig
 from spidar_gym.native.constants import ENUMERATIONS, snake
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, RobotSpec, field_docs, source_doc
@@ -98,6 +99,7 @@ def samples() -> list[Any]:
         Reference(zero, quat, zero, zero, q),
         Residual(),
         Command(eight, angles, q, q),
+        Grip(zero, 0.0, 0.0), Disc(zero, 0.0),
         Pose2(), Lock(mask, mask, eight), no_interference(), MotionError(zero, zero, zero, zero),
         Demand(np.zeros(6), *maps, q, mask, eight, mask, eight, eight),
         CentroidalConfig(), CompensationConfig(), AllocatorConfig(), InterferenceConfig(), LockConfig(),

@@ -339,7 +339,7 @@ void sp_rest_vectoring(const sp_robot *robot, const sp_controller_config *config
     sp_snapshot_at(robot, q, level, guess, &s);
     sp_nominal_vectoring(&s, guess, nominal);
     sp_no_interference(&none);
-    sp_find_interference(&s, nominal, &none, &config->interference, &bounds);
+    sp_find_interference(&s, nominal, &none, &config->interference, NULL, &bounds);
     memset(&free, 0, sizeof free);
     for (int i = 0; i < SP_ROTORS; i++) free.phi[i] = nominal[2 * i];
     sp_update_lock(&free, bounds.restricted, nominal, &s, nominal, &at_once, &lock);
@@ -366,15 +366,17 @@ static void hold_command(sp_flight *f, sp_command *command)
 }
 
 /* Write the allocation's demand: wrench, maps, and the rotors that are locked, restricted or lost. */
-static void flight_demand(sp_flight *f, const sp_robot_state *state, const sp_reference *reference, sp_lock *lock,
-                          sp_interference *bounds)
+static void flight_demand(const sp_robot *robot, sp_flight *f, const sp_robot_state *state, const sp_reference *reference,
+                          const sp_grip *grip, sp_lock *lock, sp_interference *bounds)
 {
     const sp_snapshot *s = &f->control.snapshot;
     const sp_flight_memory *m = &f->memory;
     sp_demand *d = &f->demand;
     double nominal[2 * SP_ROTORS];
     sp_nominal_vectoring(s, m->vectoring, nominal);
-    sp_find_interference(s, nominal, &m->interference, &f->config.interference, bounds);
+    sp_disc disc;
+    if (grip != NULL) sp_grip_disc(grip, s, f->control.R_wb, state->position_w, &disc);
+    sp_find_interference(s, nominal, &m->interference, &f->config.interference, grip == NULL ? NULL : &disc, bounds);
     if (reference->mode != SP_REFERENCE_MODE_FLIGHT) memset(bounds->restricted, 0, sizeof bounds->restricted);
     sp_update_lock(&m->lock, bounds->restricted, nominal, s, m->vectoring, &f->config.lock, lock);
     for (int i = 0; i < SP_ROTORS; i++) {
@@ -401,14 +403,16 @@ static void flight_demand(sp_flight *f, const sp_robot_state *state, const sp_re
     sp_thrust_map(s, d->thrust_map, SP_FORCES);
     sp_torque_map(s, d->torque_map, SP_FORCES);
     sp_copy(d->gravity_torque, s->gravity_torque, SP_JOINTS);
+    if (grip != NULL) sp_grip_torque(robot, grip, s, f->control.R_wb, state->position_w, d->gravity_torque);
     for (int leg = 0; leg < SP_LEGS; leg++) d->lifted[leg] = 1;
     sp_zero(d->com_b, 3);
     sp_identity(d->R_bf);
 }
 
-/* One control tick; `control` is NULL unless the caller has computed it already. */
+/* One control tick; `control` is NULL unless the caller has computed it already, `grip` without an object. */
 void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_reference *reference,
-                    const sp_residual *residual, const sp_control_state *control, sp_room *room, sp_command *command)
+                    const sp_residual *residual, const sp_control_state *control, const sp_grip *grip, sp_room *room,
+                    sp_command *command)
 {
     const sp_robot *robot = room->robot;
     sp_flight_memory *m = &f->memory;
@@ -429,13 +433,18 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     const double *forces, lead = f->config.compensation.vectoring_lead;
     sp_lock lock;
     sp_interference bounds;
-    for (int j = 0; j < SP_JOINTS; j++) target[j] = reference->joint_target[j] + residual->joint_offset[j];
+    int presses = grip != NULL && grip->force > 0.0 && f->ticked; /* the servos' springs exert their share of the grip */
+    for (int j = 0; j < SP_JOINTS; j++) {
+        target[j] = reference->joint_target[j] + residual->joint_offset[j];
+        if (presses) target[j] += f->allocation.joint_torques[j] / robot->joint_kp;
+    }
     sp_plan_joints(robot, f, target, residual->joint_speed_scale, joints, speed);
     if (!(reference->support > 0.0)) integrate(m, &f->control.error, f->dt, f->config.centroidal.max_integration_speed);
     desired_wrench(robot, &f->control, seen.omega_b, m, &f->config.centroidal, f->wrench_desired);
     sp_compensate(robot, f, &seen, reference, joints, f->wrench_desired);
     for (int k = 0; k < 6; k++) f->wrench_desired[k] += residual->wrench[k];
-    flight_demand(f, state, reference, &lock, &bounds);
+    if (grip != NULL) sp_grip_carried(robot, grip, &f->control.snapshot, f->control.R_wb, state->position_w, f->wrench_desired);
+    flight_demand(robot, f, state, reference, grip, &lock, &bounds);
     sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, &f->config.allocator, room, &f->allocation);
     if (residual->has_forces_l) {
         double wish[SP_FORCES], any = 0.0;
@@ -489,7 +498,7 @@ void sp_flight_allocate(sp_flight *f, const sp_robot_state *state, const sp_refe
     sp_from_quat(state->quat_wb, f->control.R_wb);
     sp_snapshot_at(room->robot, state->joint_position, f->control.R_wb, state->vectoring, &f->control.snapshot);
     sp_copy(f->wrench_desired, wrench, 6);
-    flight_demand(f, state, reference, &lock, &bounds);
+    flight_demand(room->robot, f, state, reference, NULL, &lock, &bounds);
     sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, &f->config.allocator, room, &f->allocation);
     sp_follow(f->allocation.forces_l, &lock, m->vectoring, room->robot->max_vectoring_speed * f->dt, m->vectoring);
     m->lock = lock;

@@ -505,7 +505,7 @@ void sp_manager_step(sp_manager *m, const sp_robot_state *state, const sp_residu
         sp_zero(command->thrust, SP_ROTORS);
     } else {
         refer(m, state, &m->reference);
-        sp_flight_step(&m->flight, state, &m->reference, residual, NULL, room, command);
+        sp_flight_step(&m->flight, state, &m->reference, residual, NULL, NULL, room, command);
         limit(room->robot, m, command);
     }
     memory->thrust = 0.0;

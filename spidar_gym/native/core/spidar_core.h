@@ -50,7 +50,15 @@ void sp_follow(const double *forces_l, const sp_lock *lock, const double *presen
 /* interference.c */
 void sp_no_interference(sp_interference *bounds);
 void sp_find_interference(const sp_snapshot *snapshot, const double *nominal, const sp_interference *previous,
-                          const sp_interference_config *config, sp_interference *bounds);
+                          const sp_interference_config *config, const sp_disc *disc, sp_interference *bounds);
+
+/* grip.c */
+void sp_grip_torque(const sp_robot *robot, const sp_grip *grip, const sp_snapshot *snapshot, const double *R_wb,
+                    const double *position_w, double *torque);
+void sp_grip_carried(const sp_robot *robot, const sp_grip *grip, const sp_snapshot *snapshot, const double *R_wb,
+                     const double *position_w, double *wrench);
+void sp_grip_disc(const sp_grip *grip, const sp_snapshot *snapshot, const double *R_wb, const double *position_w,
+                  sp_disc *disc);
 
 /* program.c */
 const sp_mode *sp_find_mode(int32_t kind); /* kind: of sp_program_kind, flight modes first */
@@ -81,7 +89,8 @@ void sp_compute_state(const sp_robot *robot, const sp_robot_state *state, const 
 void sp_plan_joints(const sp_robot *robot, const sp_flight *flight, const double *wanted, double scale, double *following,
                     double *rate);
 void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
-                    const sp_residual *residual, const sp_control_state *control, sp_room *room, sp_command *command);
+                    const sp_residual *residual, const sp_control_state *control, const sp_grip *grip, sp_room *room,
+                    sp_command *command);
 void sp_flight_allocate(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference, const double *wrench,
                         sp_room *room, double *thrust, double *vectoring); /* the allocation alone */
 

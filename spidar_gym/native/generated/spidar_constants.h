@@ -29,6 +29,9 @@
 #define SP_MANAGER_KNOTS 8
 #define SP_COURSE_AHEAD 3
 #define SP_CLOCK_TICKS 80
+#define SP_GRIP_LEVER 0x1.3333333333333p+0 /* 1.2, spidar_gym.control.grasp.grip.LEVER */
+#define SP_DISC_NEAREST 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.model.interference.NEAREST */
+#define SP_DISC_FARTHEST 0x1.3333333333333p-1 /* 0.6, spidar_gym.model.interference.FARTHEST */
 #define SP_CONTROL_RATE 0x1.4000000000000p+5 /* 40.0, spidar_gym.control.flight.controller.CONTROL_RATE */
 #define SP_NO_NEXT_FORM 0x1.e000000000000p+5 /* 60.0, spidar_gym.control.flight.observation.NO_NEXT_FORM */
 #define SP_LEAST_QUATERNION 0x1.0000000000000p-2 /* 0.25, spidar_gym.state.LEAST_QUATERNION */

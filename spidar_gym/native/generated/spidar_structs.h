@@ -74,6 +74,21 @@ typedef struct {
     double joint_torque_limit[16]; /* Largest torque each joint servo may use [Nm]. */
 } sp_command;
 
+/* An object near the robot, and what the legs do with it. */
+typedef struct {
+    double position_w[3]; /* Origin of the object, in its middle, world [m]. */
+    double radius; /* Radius of the object for the jets [m]. */
+    double top; /* Height of its top over the origin [m]. */
+    double force; /* Force of each foot towards the object's vertical axis [N]. */
+    double payload; /* Mass that the legs carry [kg]. */
+} sp_grip;
+
+/* A horizontal disc below the rotors that no jet is to meet: the top of an object. */
+typedef struct {
+    double centre_c[3]; /* Centre from the CoG, torso axes [m]. */
+    double radius; /* Radius [m]. */
+} sp_disc;
+
 /* A pose in the plane, or a motion from one to another along an arc. */
 typedef struct {
     double x; /* Forward [m]. */
