@@ -37,6 +37,7 @@ from spidar_gym.studies.flights import flight_lines as calibrated_flight_lines
 from spidar_gym.studies.frontier import frontier_lines
 from spidar_gym.studies.gates import gate_lines
 from spidar_gym.studies.hidden import hidden_lines
+from spidar_gym.studies.searches import search_lines
 from spidar_gym.studies.hops import hop_lines
 from spidar_gym.studies.lost import lost_lines
 from spidar_gym.studies.margins import check_lines
@@ -166,6 +167,7 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "course_faults": lambda result: course_fault_lines(result["course_faults"]),
     "first_flights": lambda result: first_flight_lines(result["flights"]),
     "hidden": lambda result: hidden_lines(result["hidden"]),
+    "searches": lambda result: search_lines(result["searches"]),
     "sagging": lambda result: sagging_lines(result["sagging"]),
     "hops": lambda result: hop_lines(result["hops"]),
     "gates": lambda result: gate_lines(result["gates"]),
