@@ -37,12 +37,12 @@ from spidar_gym.studies.flights import flight_lines as calibrated_flight_lines
 from spidar_gym.studies.frontier import frontier_lines
 from spidar_gym.studies.gates import gate_lines
 from spidar_gym.studies.hidden import hidden_lines
-from spidar_gym.studies.searches import search_lines
 from spidar_gym.studies.hops import hop_lines
 from spidar_gym.studies.lost import lost_lines
 from spidar_gym.studies.margins import check_lines
 from spidar_gym.studies.reality import reality_lines
 from spidar_gym.studies.sagging import sagging_lines
+from spidar_gym.studies.searches import search_lines
 from spidar_gym.studies.steps import step_lines
 from spidar_gym.text import format_table
 from spidar_gym.tune.flight import loops, margin_lines
