@@ -42,6 +42,7 @@ from spidar_gym.studies.lost import lost_lines
 from spidar_gym.studies.margins import check_lines
 from spidar_gym.studies.reality import reality_lines
 from spidar_gym.studies.sagging import sagging_lines
+from spidar_gym.studies.searches import search_lines
 from spidar_gym.studies.steps import step_lines
 from spidar_gym.text import format_table
 from spidar_gym.tune.flight import loops, margin_lines
@@ -166,6 +167,7 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "course_faults": lambda result: course_fault_lines(result["course_faults"]),
     "first_flights": lambda result: first_flight_lines(result["flights"]),
     "hidden": lambda result: hidden_lines(result["hidden"]),
+    "searches": lambda result: search_lines(result["searches"]),
     "sagging": lambda result: sagging_lines(result["sagging"]),
     "hops": lambda result: hop_lines(result["hops"]),
     "gates": lambda result: gate_lines(result["gates"]),

@@ -35,8 +35,8 @@ TURNED = 11.0
 """Time for the second form and the second heading to be reached, and to settle [s]."""
 COURSE_SPEED, COURSE_CRAWL_SPEED = 0.6, 0.2
 """Joint speeds of a course in flight and in crawls [rad/s]; at the paper's 0.2 a change of form takes eight seconds."""
-GENTLE = ("tilt 0.4", "deviation 0.3", "fence -1.5 -1.5 -0.2 1.5 1.5 2")
-"""Limits of the first flight and of tests in a hover: tilt and joint deviation [rad], distances from the start [m]."""
+GENTLE = ("tilt 0.4", "fence -1.5 -1.5 -0.2 1.5 1.5 2")
+"""Limits of the first flight and of tests in a hover: tilt [rad], distances from the start [m]."""
 MAP_SECONDS = 300.0
 """Time limit of a course by a map, which is the horizon of Course-v0 [s]."""
 
@@ -109,7 +109,7 @@ def first_flight_mission(preset: str = "first_flight", seconds: float = 40.0) ->
         preset: Controller preset.
         seconds: Duration; in the second half the legs move to form ① [s].
     """
-    lines = [f"flight {preset}", "trim off", *GENTLE]
+    lines = [f"flight {preset}", "trim off", "deviation 0.3", *GENTLE]
     lines += [_form(0.5 * seconds, np.zeros(N_JOINTS)), f"end {seconds:g}", ""]
     return Mission("first_flight", preset, "\n".join(lines), seconds)
 
@@ -145,7 +145,7 @@ def thrust_mission(preset: str = "as_flown", seconds: float = 72.0) -> Mission:
         seconds: Duration, half of it in each form [s].
     """
     half = 0.5 * seconds
-    lines = [f"flight {preset}", *GENTLE, _form(0.0, np.zeros(N_JOINTS)), _form(half, FORMS["form2"])]
+    lines = [f"flight {preset}", "deviation 0.3", *GENTLE, _form(0.0, np.zeros(N_JOINTS)), _form(half, FORMS["form2"])]
     lines += [f"heading {half:g} {0.5 * np.pi:.6f}"]
     for begin, end in ((PREPARE, half), (half + TURNED, seconds)):
         for rotor, frequency in enumerate(THRUST_FREQUENCIES):
@@ -156,7 +156,7 @@ def thrust_mission(preset: str = "as_flown", seconds: float = 72.0) -> Mission:
 def legs_mission(preset: str = "as_flown", seconds: float = 40.0) -> Mission:
     """Build the test of the legs in a hover: chirps of one joint after the other, all legs at once."""
     part = (seconds - PREPARE) / N_LEGS
-    lines = [f"flight {preset}", *GENTLE, _form(0.0, np.zeros(N_JOINTS))]
+    lines = [f"flight {preset}", "deviation 0.2", *GENTLE, _form(0.0, np.zeros(N_JOINTS))]
     for joint in range(N_LEGS):
         begin = PREPARE + joint * part
         lines += [
@@ -168,7 +168,12 @@ def legs_mission(preset: str = "as_flown", seconds: float = 40.0) -> Mission:
 
 def forms_mission(preset: str = "as_flown", seconds: float = 60.0) -> Mission:
     """Build a hover in each of the paper's forms, a third of the time each."""
-    lines = [f"flight {preset}", *GENTLE, *(_form(k * seconds / 3, form) for k, form in enumerate(FORMS.values()))]
+    lines = [
+        f"flight {preset}",
+        "deviation 0.3",
+        *GENTLE,
+        *(_form(k * seconds / 3, form) for k, form in enumerate(FORMS.values())),
+    ]
     return Mission("forms", preset, "\n".join([*lines, f"end {seconds:g}", ""]), seconds)
 
 
