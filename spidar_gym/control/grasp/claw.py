@@ -9,8 +9,10 @@ from spidar_gym.arrays import JointVector, Quaternion, Vector3
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import N_LEGS, ROBOT, RobotSpec
 
-HIGH, LOW = -0.78, -0.86
-"""Heights of the feet from the torso's origin [m]: the joints' range lets feet near the axis only be low."""
+HIGH = -0.78
+"""Greatest height of the feet from the torso's origin [m]: above it the inner ducts come near the object."""
+KNEE = 1.5
+"""Largest angle of a knee that presses [rad]: the rest of the joint's range is for the setpoint of a torque."""
 OPEN, PRESS = 0.16, 0.005
 """Distance of open feet from the faces, and depth to which closed feet press before the grip [m]."""
 NARROWEST, WIDEST = 0.14, 0.42
@@ -37,6 +39,14 @@ def claw_form(radius: float, height: float, robot: RobotSpec = ROBOT) -> JointVe
     if not (abs(bend) <= 1.0 and max(abs(pitch), knee) <= robot.joint_limit):
         raise InvalidValueError("claw", (radius, height), "feet within reach of the legs [m]")
     return np.tile([0.0, pitch, 0.0, knee], N_LEGS)
+
+
+def claw_height(radius: float, robot: RobotSpec = ROBOT) -> float:
+    """Return the height of feet on a circle from the torso's origin, negative below [m]."""
+    inner, outer = robot.pitch_to_yaw + robot.yaw_to_pitch, robot.pitch_to_foot
+    out = radius - math.sqrt(2.0) * robot.yaw_axis_xy - robot.yaw_to_pitch
+    square = inner**2 + outer**2 + 2.0 * inner * outer * math.cos(KNEE) - out**2
+    return min(HIGH, robot.yaw_axis_z - math.sqrt(max(square, 0.0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +89,7 @@ def plan_contact(
     facing = 2.0 * math.atan2(z, w) + 0.25 * math.pi  # legs, at 45° to the torso's axes, towards the faces
     turn = 0.5 * math.pi
     heading = facing + turn * round((yaw - facing) / turn) if shape == "box" else yaw
-    height = LOW if a < 0.26 else HIGH
     foot = a + robot.foot_radius
+    height = claw_height(foot - PRESS, robot)
     forms = [claw_form(foot + off, height, robot) for off in (OPEN, 0.0, -PRESS)]
     return Contact(*forms, torso_o=np.array([0.0, 0.0, -height]), yaw=heading)

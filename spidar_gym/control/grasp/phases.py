@@ -1,200 +1,482 @@
-"""The phases of grasping: reach over an object, close, grip, lift, carry, lower, let go, leave; with a guard.
+"""The phases of a grasp: over the object, down, close, grip, test lift, lift, carry, lower, let go; with a guard.
 
-All motion is that of the torso, whose feet hold the object; a phase moves one thing at a time. The guard ends grip and
-payload in the tick in which the object is lost: the payload's lever would follow an object that stays behind.
+A phase moves torso, legs, grip and payload from one setting to the next. The test lift measures the object's mass from
+the lift that the controller needs, and grips harder where the feet slip. The guard ends grip and payload in the tick in
+which the object is lost: the lever of the payload would follow an object that stays behind.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from spidar_gym.arrays import JointVector, Quaternion, Vector3
-from spidar_gym.control.flight.path import ease
+from spidar_gym.control.flight.path import ease, wrap
 from spidar_gym.control.grasp.claw import Contact, plan_contact
 from spidar_gym.control.grasp.grip import Grip
-from spidar_gym.robot import ROBOT, RobotSpec
+from spidar_gym.errors import require_within
+from spidar_gym.robot import GRAVITY, N_LEGS, ROBOT, RobotSpec
 
-GRASP_PHASES = ("reach", "close", "grip", "load", "lift", "carry", "lower", "unload", "let_go", "leave")
-"""Phases of grasping, in the order of a mission."""
-HOLDING = ("grip", "load", "lift", "carry", "lower", "unload", "let_go")
-"""Phases in which the feet press."""
-CARRYING = ("lift", "carry", "lower")
-"""Phases in which the object hangs, and the guard watches."""
-ABOVE = 0.35
-"""Height over the place of the grip at which a robot reaches over an object, and to which it leaves [m]."""
-REACH_SPEED, CARRY_SPEED = 0.2, 0.5
-"""Largest speeds of the torso near an object and with it [m/s]."""
-GRIP_TIME, LOAD_TIME, LET_GO_TIME = 1.5, 1.0, 1.5
-"""Times in which grip and payload grow and end [s]."""
-SLACK = 0.03
-"""Height by which the torso rises while it lets go: feet that are pressed down on an object knock it [m]."""
-BENT, AWAY = 0.15, 0.12
-"""The object is lost if a joint is this far from its angle at the contact [rad], or the object from its place [m]."""
+GRASP_PHASES = ("none", "rise", "over", "down", "close", "grip", "load", "test", "back", "settle", "lift", "hold",
+                "carry", "lower", "feel", "unload", "let_go", "open", "leave")  # fmt: skip
+"""Phases of a grasp, in the order of a mission; `none` before and after it."""
+PRESSING = GRASP_PHASES[GRASP_PHASES.index("grip") : GRASP_PHASES.index("open")]
+"""Phases in which the feet press, and the guard watches."""
 SAFE_GRIP = 33.0
-"""Largest grip that legs and thrust make, by a cone program [N]."""
+"""Largest grip of a foot that legs and thrust make, by a cone program [N]."""
 QUINTIC_PEAK = 1.875
-"""Largest rate of the quintic `ease` over its mean."""
+"""Largest rate of `ease` over its mean."""
+
+
+@dataclass(frozen=True)
+class GraspConfig:
+    """Heights, speeds and thresholds of a grasp."""
+
+    above: float = 0.35
+    """Height over the place of the grip at which the robot comes over an object, and to which it leaves [m]."""
+    reach_speed: float = 0.3
+    """Largest speed of the torso to and over an object [m/s]."""
+    near_speed: float = 0.2
+    """Largest speed of the torso while its feet surround an object that stands [m/s]."""
+    turn_speed: float = 0.6
+    """Largest rate of the heading [rad/s]."""
+    first_grip: float = 20.0
+    """Force of each foot with which the test lift begins [N], or the most that the object bears."""
+    more_grip: float = 5.0
+    """Increase of that force after a test in which the feet slipped [N]."""
+    reserve: float = 1.5
+    """Force of the grip after the test over the least that holds the object with `friction`."""
+    friction: float = 0.5
+    """Friction that is assumed then, if the test did not tell a lower one."""
+    grip_time: float = 1.0
+    """Time in which the grip grows or ends [s]."""
+    load_time: float = 0.7
+    """Time in which the payload grows or ends [s]."""
+    test_height: float = 0.04
+    """Height of the test lift [m]."""
+    test_time: float = 1.2
+    """Time of the test in the air, of whose second half the mean is taken [s]."""
+    slip: float = 0.012
+    """The feet slip if the object stays this far behind in the test [m]."""
+    most_tests: int = 8
+    """Number of tests after which the object is left."""
+    feel_speed: float = 0.08
+    """Speed of the descent near the expected floor [m/s]."""
+    feel_height: float = 0.04
+    """Height over the expected floor from which that speed is used [m]."""
+    search: float = 0.1
+    """A descent that finds no floor ends this far below the expected one [m]."""
+    touch_error: float = 0.01
+    """The floor is found when the torso is this far above its reference [m], beyond its error before."""
+    touch_time: float = 0.075
+    """Time for which it must be [s]."""
+    slack: float = 0.02
+    """Height by which the torso rises while it lets go [m]: feet that are pressed down on an object knock it."""
+    bent: float = 0.2
+    """The object is lost if a joint is this far from its angle at the contact [rad]."""
+    away: float = 0.12
+    """The object is lost if it is this far from its place below the torso [m]."""
+
+    def __post_init__(self) -> None:
+        """Raise `InvalidValueError` for numbers out of range."""
+        require_within(1e-3, 100.0, "1", **vars(self))
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """An object as it is seen by motion capture."""
+    """An object as motion capture sees it."""
 
     position_w: Vector3
-    """Its origin, world [m]."""
+    """Its origin, in its middle, world [m]."""
     quat_wo: Quaternion
     """Its attitude."""
 
 
 @dataclass(frozen=True)
-class GraspTask:
-    """An object to grasp."""
+class GraspTarget:
+    """What is known of an object to grasp."""
 
     shape: str
     """`box`, `cylinder` or `ball`."""
     half_size: Vector3
     """As in `ObjectConfig` [m]."""
-    force: float = 20.0
+    most_force: float = SAFE_GRIP
+    """Largest force that a foot may press it with [N]."""
+    mass: float = 0.5
+    """Mass that is assumed until the test lift has measured it [kg]."""
+
+    @property
+    def radius(self) -> float:
+        """Half of its width [m]."""
+        return float(self.half_size[0])
+
+    @property
+    def top(self) -> float:
+        """Height of its top over its origin [m]."""
+        return float(self.half_size[0] if self.shape == "ball" else self.half_size[2])
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a phase ends with, and the next begins with."""
+
+    pose_w: np.ndarray = field(default_factory=lambda: np.zeros(4))
+    """Torso's origin and heading (4,) [m], [rad]."""
+    form: JointVector = field(default_factory=lambda: np.zeros(16))
+    """Joint angles [rad]."""
+    force: float = 0.0
     """Force of each foot [N]."""
-    mass: float = 1.5
-    """Mass as far as it is known [kg]."""
-    height: float = 0.7
-    """Height of the lift [m]."""
+    payload: float = 0.0
+    """Mass that is carried [kg]."""
 
 
 @dataclass(slots=True)
 class GraspMemory:
     """State of a grasp between ticks."""
 
-    phase: str = "reach"
+    phase: str = "none"
     """One of `GRASP_PHASES`."""
     time: float = 0.0
     """Time in the phase [s]."""
-    from_w: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Torso's origin at the begin of the phase [m]."""
-    to_w: Vector3 = field(default_factory=lambda: np.zeros(3))
-    """Torso's origin at its end [m]."""
-    from_form: JointVector = field(default_factory=lambda: np.zeros(16))
-    """Form at its begin [rad]."""
-    to_form: JointVector = field(default_factory=lambda: np.zeros(16))
-    """Form at its end [rad]."""
-    seconds: float = 1.0
+    seconds: float = 0.0
     """Duration of the phase [s]."""
+    begin: Setting = field(default_factory=Setting)
+    """Setting at the begin of the phase."""
+    end: Setting = field(default_factory=Setting)
+    """Setting at its end."""
+    place_b: Vector3 = field(default_factory=lambda: np.zeros(3))
+    """Object's origin from the torso's at the last grip, torso axes but level [m]."""
+    turn: float = 0.0
+    """Heading of the object beyond that of the torso at the last grip [rad]."""
+    force: float = 0.0
+    """Force of each foot while it holds [N]."""
+    mass: float = 0.0
+    """Mass of the object as far as it is known [kg]."""
+    hover: float = 0.0
+    """Mean lift without the object [N]."""
+    height: float = 0.0
+    """Height of the object over the torso before the test [m]; in `hold` the torso's error of height [m]."""
+    stood: float = 0.0
+    """Height of the object's origin before the test [m]."""
+    tests: int = 0
+    """Number of tests."""
+    total: float = 0.0
+    """Sum of a quantity over the ticks of the phase."""
+    count: int = 0
+    """Number of its summands."""
+    found: float = 0.0
+    """Time for which the signs of a floor have held [s]."""
+    rise: float = 0.0
+    """Height of the lift [m]."""
+    held: bool = False
+    """Whether the test lift has succeeded and the object is held."""
     lost: bool = False
     """Whether the object was lost."""
+    refused: bool = False
+    """Whether the test lift found the object too heavy or too slippery for the forces that it bears."""
 
 
 @dataclass(frozen=True, slots=True)
 class GraspReference:
     """What the flight controller is to do."""
 
-    torso_w: Vector3
+    position_w: Vector3
     """Torso's origin [m]."""
     velocity_w: Vector3
     """Its velocity [m/s]."""
     yaw: float
     """Heading [rad]."""
+    turning: float
+    """Rate of the heading [rad/s]."""
     form: JointVector
     """Joint angles [rad]."""
     grip: Grip
     """The object among the targets of jets, and what the legs do with it."""
 
 
-class Grasp:
-    """One grasp, from the approach to the departure."""
+def rotated(yaw: float, v: Vector3) -> Vector3:
+    """Return a vector turned about the vertical."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    x, y, z = v.tolist()
+    return np.array([c * x - s * y, s * x + c * y, z])
 
-    def __init__(self, task: GraspTask, seen: Seen, torso_w: Vector3, yaw: float, form: JointVector,
-                 robot: RobotSpec = ROBOT) -> None:  # fmt: skip
-        """Plan the contact and begin to reach (`InvalidValueError` for an object that cannot be held)."""
-        self.task, self.robot = task, robot
-        self.plan: Contact = plan_contact(task.shape, task.half_size, seen.quat_wo, yaw, robot)
+
+def heading_of(quat_wo: Quaternion) -> float:
+    """Return the heading of an attitude that is nearly upright [rad]."""
+    w, x, y, z = quat_wo.tolist()
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+class Grasper:
+    """The phases of a grasp, from the way to the object until the robot has left it."""
+
+    def __init__(self, config: GraspConfig | None = None, robot: RobotSpec = ROBOT) -> None:
+        """Build it without an object."""
+        self.config, self.robot = config or GraspConfig(), robot
         self.memory = GraspMemory()
-        self._home = seen.position_w + self.plan.torso_o
-        self._enter("reach", torso_w, self._home, form, self.plan.open)
+        self.target: GraspTarget | None = None
+        self.plan: Contact | None = None
 
-    def _enter(self, phase: str, from_w: Vector3, to_w: Vector3, from_form: JointVector, to_form: JointVector,
-               least: float = 0.0, speed: float = REACH_SPEED) -> None:  # fmt: skip
-        """Begin a phase that lasts as long as way, joints and `least` [s] need."""
-        way, turn = float(np.linalg.norm(to_w - from_w)), float(np.abs(to_form - from_form).max())
-        seconds = max(least, QUINTIC_PEAK * way / speed, QUINTIC_PEAK * turn / self.robot.joint_speed, 0.025)
-        lost = self.memory.lost
-        self.memory = GraspMemory(phase, 0.0, from_w, to_w, from_form, to_form, seconds, lost)
+    # ---- orders ----
 
-    def carry(self, by_w: Vector3, speed: float = CARRY_SPEED) -> None:
-        """Carry the object by a way [m]; only while it is held in the air."""
+    def begin(self, target: GraspTarget, seen: Seen, pose_w: np.ndarray, form: JointVector, rise: float) -> None:
+        """Plan the contact, and begin to move over the object (`InvalidValueError` for one that cannot be held).
+
+        Args:
+            target: The object.
+            seen: Its pose.
+            pose_w: Reference of the torso: origin and heading (4,) [m], [rad].
+            form: Present joint setpoints [rad].
+            rise: Height of the lift [m].
+        """
+        self.plan = plan_contact(target.shape, target.half_size, seen.quat_wo, float(pose_w[3]), self.robot)
+        self.target = target
+        self.memory = GraspMemory(end=Setting(pose_w.copy(), form.copy()), rise=rise)
+        self.memory.mass, self.memory.force = target.mass, min(self.config.first_grip, self.most_force)
+        over = float(seen.position_w[2]) + float(self.plan.torso_o[2]) + self.config.above
+        self._enter("rise", self._at((float(pose_w[0]), float(pose_w[1]), max(over, float(pose_w[2]))), self.plan.open))
+
+    def carry(self, position_w: Vector3, yaw: float | None, speed: float) -> None:
+        """Carry the object to a place of its origin [m] and a heading of it [rad]; None keeps the heading."""
         m = self.memory
-        self._enter("carry", m.to_w, m.to_w + by_w, self.plan.closed, self.plan.closed, speed=speed)
+        torso_yaw = float(m.end.pose_w[3]) if yaw is None else yaw - m.turn
+        pose = np.append(position_w - rotated(torso_yaw, m.place_b), 0.0)
+        pose[3] = float(m.end.pose_w[3]) + wrap(torso_yaw - float(m.end.pose_w[3]))
+        self._enter("carry", Setting(pose, m.end.form, m.end.force, m.end.payload), speed=speed)
 
-    def lower(self, by: float) -> None:
-        """Lower the object by a height [m], and put it down there."""
+    def place(self, floor: float) -> None:
+        """Put the object down on a floor at a height [m]."""
+        assert self.target is not None
         m = self.memory
-        self._enter("lower", m.to_w, m.to_w - (0.0, 0.0, by), self.plan.closed, self.plan.closed)
+        z = floor + self.target.top - float(m.place_b[2])
+        self._enter("lower", self._shifted(z + self.config.feel_height - float(m.end.pose_w[2])))
+
+    def release(self) -> None:
+        """Let go, open the legs and leave upwards."""
+        self.memory.held = False
+        self._enter("unload", self._shifted(0.0, payload=0.0), least=self.config.load_time)
+
+    def stop(self) -> None:
+        """Hold where it is: the present setting becomes the end."""
+        m = self.memory
+        if m.phase in ("lift", "carry", "lower", "feel"):
+            self._rest_at(self._now(self.config.load_time)[0], "hold")
+
+    @property
+    def most_force(self) -> float:
+        """Largest force of a foot on the present object [N]."""
+        assert self.target is not None
+        return min(self.target.most_force, SAFE_GRIP)
 
     @property
     def waits(self) -> bool:
-        """Whether the present phase has ended and waits for an order, or the grasp is over."""
-        m = self.memory
-        return m.phase in ("lift", "carry", "leave") and m.time >= m.seconds
+        """Whether the object is held, or the robot has left it, and the next order is awaited."""
+        return self.memory.phase in ("none", "hold")
 
-    def step(self, position_w: Vector3, q: JointVector, seen: Seen, dt: float) -> GraspReference:
+    # ---- a tick ----
+
+    def step(self, position_w: Vector3, yaw: float, q: JointVector, lift: float, seen: Seen | None, dt: float
+             ) -> GraspReference:  # fmt: skip
         """Advance by one tick; return the reference.
 
         Args:
             position_w: Torso's origin [m].
+            yaw: Heading of the torso [rad].
             q: Joint angles [rad].
-            seen: The object.
+            lift: Vertical force that the controller desired in the last tick [N].
+            seen: The object, or None while capture does not see it.
             dt: Control period [s].
         """
         m = self.memory
-        if m.phase in CARRYING and self._is_lost(position_w, q, seen):
-            m.lost = True
-            self._enter("leave", position_w, position_w + (0.0, 0.0, ABOVE), q.copy(), self.plan.open)
-        elif m.time >= m.seconds:
-            self._next()
+        where = self._where(position_w, yaw, seen)
+        if m.phase in PRESSING and self._is_lost(position_w, yaw, q, seen):
+            m.lost, m.held = True, False
+            self._leave(position_w, q)
+        else:
+            self._watch(position_w, lift, where, dt)
+            if m.time >= m.seconds:
+                self._next(position_w, yaw, where, seen)
         m = self.memory
         m.time += dt
-        share, rate = ease(m.time / m.seconds), _rate(m.time / m.seconds) / m.seconds
-        way = m.to_w - m.from_w
-        form = m.from_form + share * (m.to_form - m.from_form)
-        force, payload = self._terms(min(1.0, m.time / m.seconds))
-        scale = self.task.half_size
-        top = float(scale[0] if self.task.shape == "ball" else scale[2])
-        grip = Grip(seen.position_w, float(scale[0]), top, force, payload)
-        return GraspReference(m.from_w + share * way, rate * way, self.plan.yaw, form, grip)
+        setting, rate = self._now()
+        return GraspReference(setting.pose_w[:3], rate[:3], float(setting.pose_w[3]), float(rate[3]), setting.form,
+                              self._grip(setting, where))  # fmt: skip
 
-    def _terms(self, share: float) -> tuple[float, float]:
-        """Return grip [N] and payload [kg] in the present phase."""
-        phase, full, mass = self.memory.phase, min(self.task.force, SAFE_GRIP), self.task.mass
-        force = {"grip": share * full, "let_go": (1.0 - share) * full}.get(phase, full if phase in HOLDING else 0.0)
-        carried = mass if phase in CARRYING else 0.0
-        return force, {"load": share * mass, "unload": (1.0 - share) * mass}.get(phase, carried)
+    def _where(self, position_w: Vector3, yaw: float, seen: Seen | None) -> Vector3:
+        """Return the object's origin, unseen where it was held [m]."""
+        return position_w + rotated(yaw, self.memory.place_b) if seen is None else seen.position_w
 
-    def _next(self) -> None:
-        m, plan = self.memory, self.plan
-        here, up = m.to_w, np.array([0.0, 0.0, 1.0])
-        closed = plan.closed
-        if m.phase == "reach":
-            self._enter("close", here, here, m.to_form, plan.pressed)
-        elif m.phase == "close":
-            self._enter("grip", here, here, closed, closed, GRIP_TIME)
-        elif m.phase == "grip":
-            self._enter("load", here, here, closed, closed, LOAD_TIME)
-        elif m.phase == "load":
-            self._enter("lift", here, here + self.task.height * up, closed, closed)
-        elif m.phase == "lower":
-            self._enter("unload", here, here, closed, closed, LOAD_TIME)
-        elif m.phase == "unload":
-            self._enter("let_go", here, here + SLACK * up, closed, closed, LET_GO_TIME)
-        elif m.phase == "let_go":
-            self._enter("leave", here, here + ABOVE * up, closed, plan.open)
+    def _grip(self, setting: Setting, where: Vector3) -> Grip:
+        assert self.target is not None
+        return Grip(where, self.target.radius, self.target.top, setting.force, setting.payload)
 
-    def _is_lost(self, position_w: Vector3, q: JointVector, seen: Seen) -> bool:
-        off = seen.position_w + self.plan.torso_o - position_w
-        return float(np.abs(q - self.plan.closed).max()) > BENT or float(np.linalg.norm(off)) > AWAY
+    def _now(self, fade: float = 0.0) -> tuple[Setting, np.ndarray]:
+        """Return the present setting and the rate of the pose; `fade` [s] later if it came to rest from now on."""
+        m = self.memory
+        a, b = m.begin, m.end
+        if m.seconds <= 0.0:
+            return b, np.zeros(4)
+        u = min(1.0, m.time / m.seconds)
+        if m.phase == "feel":  # at a constant speed
+            share, speed = u, 1.0 / m.seconds if m.time < m.seconds else 0.0
+        else:
+            share, speed = ease(u), 30.0 * u * u * (1.0 - u) * (1.0 - u) / m.seconds
+        rate = speed * (b.pose_w - a.pose_w)
+        pose = a.pose_w + share * (b.pose_w - a.pose_w) + 0.5 * fade * rate
+        form = a.form + share * (b.form - a.form)
+        return Setting(pose, form, a.force + u * (b.force - a.force), a.payload + u * (b.payload - a.payload)), rate
 
+    def _watch(self, position_w: Vector3, lift: float, where: Vector3, dt: float) -> None:
+        """Take the means that a phase measures, and detect the floor."""
+        m, config = self.memory, self.config
+        late = m.time > m.seconds - 0.5 * config.test_time
+        if m.phase == "down" and late:
+            m.total, m.count = m.total + lift, m.count + 1
+        elif m.phase == "test" and late:
+            m.total, m.count = m.total + lift, m.count + 1
+        elif m.phase == "hold":  # the torso's error before a descent
+            m.height += min(1.0, dt / 0.5) * (float(position_w[2] - m.end.pose_w[2]) - m.height)
+        elif m.phase == "feel":
+            above = float(position_w[2] - self._now()[0].pose_w[2]) - m.height
+            m.found = m.found + dt if above > config.touch_error else 0.0
+            if m.found >= config.touch_time:
+                m.time = m.seconds
 
-def _rate(share: float) -> float:
-    """Return the derivative of `ease`."""
-    s = min(1.0, max(0.0, share))
-    return 30.0 * s**2 * (1.0 - s) ** 2
+    # ---- transitions ----
+
+    def _at(self, position_w: tuple[float, float, float], form: JointVector | None = None) -> Setting:
+        """Return the end of the present phase at another place of the torso, with another form."""
+        end = self.memory.end
+        pose = np.array([*position_w, float(end.pose_w[3])])
+        return Setting(pose, end.form if form is None else form, end.force, end.payload)
+
+    def _shifted(self, up: float, form: JointVector | None = None, force: float | None = None,
+                 payload: float | None = None) -> Setting:  # fmt: skip
+        """Return the end of the present phase, higher [m], with another form, force, payload."""
+        end = self.memory.end
+        return Setting(
+            end.pose_w + (0.0, 0.0, up, 0.0), end.form if form is None else form,
+            end.force if force is None else force, end.payload if payload is None else payload,
+        )  # fmt: skip
+
+    def _enter(self, phase: str, end: Setting, *, speed: float | None = None, least: float = 0.0) -> None:
+        """Begin a phase that lasts as long as way, heading, joints and `least` [s] need."""
+        m, config, begin = self.memory, self.config, self.memory.end
+        way = end.pose_w - begin.pose_w
+        far, turn = float(np.linalg.norm(way[:3])), abs(float(way[3]))
+        bend = float(np.abs(end.form - begin.form).max())
+        m.seconds = max(
+            least, QUINTIC_PEAK * far / (speed or config.near_speed), QUINTIC_PEAK * turn / config.turn_speed,
+            QUINTIC_PEAK * bend / self.robot.joint_speed,
+        )  # fmt: skip
+        m.phase, m.time, m.begin, m.end = phase, 0.0, begin, end
+        m.total, m.count, m.found = 0.0, 0, 0.0
+
+    def _rest_at(self, setting: Setting, phase: str) -> None:
+        """Begin a phase at rest."""
+        self.memory.end = setting
+        self._enter(phase, setting)
+
+    def _leave(self, position_w: Vector3, q: JointVector) -> None:
+        """Open and climb without grip and payload, from the present pose."""
+        assert self.plan is not None
+        x, y, z = position_w.tolist()
+        self.memory.end = Setting(np.array([x, y, z, self.memory.end.pose_w[3]]), q.copy())
+        self._enter("leave", self._at((x, y, z + self.config.above), self.plan.open))
+
+    def _home(self, where: Vector3, up: float) -> tuple[float, float, float]:
+        """Return the torso's place for the grip, or above it [m]."""
+        assert self.plan is not None
+        x, y, z = (where + rotated(self.plan.yaw, self.plan.torso_o)).tolist()
+        return x, y, z + up
+
+    def _next(self, position_w: Vector3, yaw: float, where: Vector3, seen: Seen | None) -> None:
+        """Enter the phase after the present one."""
+        m, config, plan = self.memory, self.config, self.plan
+        assert plan is not None
+        phase = m.phase
+        if phase in ("rise", "over", "down") and seen is None:
+            return  # the robot waits for a view of the object
+        if phase == "rise":
+            assert seen is not None and self.target is not None
+            self.plan = plan = plan_contact(
+                self.target.shape, self.target.half_size, seen.quat_wo, float(m.end.pose_w[3]), self.robot
+            )
+            x, y, z = self._home(where, config.above)
+            turned = float(m.end.pose_w[3]) + wrap(plan.yaw - float(m.end.pose_w[3]))
+            over = Setting(np.array([x, y, max(z, float(m.end.pose_w[2])), turned]), plan.open)
+            self._enter("over", over, speed=config.reach_speed)
+        elif phase == "over":
+            self._enter("down", self._at(self._home(where, 0.0)), least=config.test_time)
+        elif phase == "down":
+            m.hover = m.total / max(m.count, 1)
+            self._enter("close", self._at(self._home(where, 0.0), plan.pressed))
+        elif phase in ("close", "back"):
+            m.place_b = rotated(-yaw, where - position_w)
+            if seen is not None:
+                m.turn = wrap(heading_of(seen.quat_wo) - yaw)
+            self._enter("grip", self._shifted(0.0, plan.closed, m.force), least=config.grip_time)
+        elif phase == "grip":
+            self._enter("load", self._shifted(0.0, payload=m.mass), least=config.load_time)
+        elif phase == "load":
+            m.stood, m.height = float(where[2]), float(where[2] - position_w[2])
+            self._enter("test", self._shifted(config.test_height), least=2.0 * config.test_time)
+        elif phase == "test":
+            self._judge(float(where[2]) - m.stood, float(where[2] - position_w[2]) - m.height)
+        elif phase == "settle":
+            self._enter("lift", self._shifted(m.rise - config.test_height))
+        elif phase in ("lift", "carry"):
+            m.place_b = m.place_b if seen is None else rotated(-yaw, where - position_w)
+            m.turn = m.turn if seen is None else wrap(heading_of(seen.quat_wo) - yaw)
+            m.height = 0.0
+            self._rest_at(m.end, "hold")
+        elif phase == "lower":
+            down = config.feel_height + config.search
+            self._enter("feel", self._shifted(-down))
+            m.seconds = down / config.feel_speed
+        elif phase == "feel" and m.found < config.touch_time:
+            self._rest_at(m.end, "hold")  # no floor
+        elif phase == "feel":
+            pose = np.append(position_w, m.end.pose_w[3])
+            pose[:2] = m.end.pose_w[:2]
+            self._rest_at(Setting(pose, m.end.form, m.end.force, m.end.payload), "hold")
+            m.held = False
+        elif phase == "unload":
+            self._enter("let_go", self._shifted(config.slack, force=0.0), least=config.grip_time)
+        elif phase == "let_go":
+            self._enter("open", self._shifted(0.0, plan.open))
+        elif phase == "open":
+            self._enter("leave", self._shifted(config.above))
+        elif phase == "leave":
+            self._rest_at(m.end, "none")
+
+    def _judge(self, risen: float, sag: float) -> None:
+        """Decide after the test lift: lift, grip harder, carry more, or let go.
+
+        Args:
+            risen: Rise of the object [m].
+            sag: Rise of the object beyond that of the torso [m].
+        """
+        m, config = self.memory, self.config
+        carried = max(0.0, self.robot.total_mass * (m.total / max(m.count, 1) / max(m.hover, 1.0) - 1.0))
+        slips, m.tests = sag < -config.slip, m.tests + 1
+        if not slips and risen > 0.5 * config.test_height:
+            m.mass, m.held = carried, True
+            needed = config.reserve * carried * GRAVITY / (N_LEGS * config.friction)
+            m.force = min(max(m.force, needed), self.most_force)
+            self._enter("settle", self._shifted(0.0, force=m.force, payload=m.mass), least=config.load_time)
+        elif m.tests >= config.most_tests or (slips and m.force >= self.most_force - 1e-6):
+            m.refused = True
+            self._enter("unload", self._shifted(-config.test_height, payload=0.0))
+        else:
+            if slips:
+                m.force = min(m.force + config.more_grip, self.most_force)
+            m.mass = max(m.mass, carried)
+            self._enter("back", self._shifted(-config.test_height, payload=0.0))
+
+    def _is_lost(self, position_w: Vector3, yaw: float, q: JointVector, seen: Seen | None) -> bool:
+        assert self.plan is not None
+        off = 0.0
+        if seen is not None:
+            off = float(np.linalg.norm(seen.position_w - position_w - rotated(yaw, self.memory.place_b)))
+        return float(np.abs(q - self.plan.closed).max()) > self.config.bent or off > self.config.away
