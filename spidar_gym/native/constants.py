@@ -21,7 +21,7 @@ from spidar_gym.control.estimator import HISTORY
 from spidar_gym.control.flight import centroidal, compensation, motion, observation, path
 from spidar_gym.control.flight import controller as flight_controller
 from spidar_gym.control.flight.motion import COMMANDS
-from spidar_gym.control.grasp import grip
+from spidar_gym.control.grasp import claw, grip, phases
 from spidar_gym.control.locomotion import commands as locomotion
 from spidar_gym.control.locomotion import manager, orders
 from spidar_gym.model import interference, rotor
@@ -59,7 +59,9 @@ SIZES = {
 }  # fmt: skip
 """Integers by their names in C without `SP_`."""
 NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
-    ("GRIP_", grip, ("LEVER",)), ("DISC_", interference, ("NEAREST", "FARTHEST")),
+    ("GRIP_", grip, ("LEVER",)), ("CLAW_", claw, ("HIGH", "KNEE", "OPEN", "PRESS", "NARROWEST", "WIDEST")),
+    ("GRASP_", phases, ("SAFE_GRIP", "QUINTIC_PEAK")),
+    ("DISC_", interference, ("NEAREST", "FARTHEST")),
     ("", flight_controller, ("CONTROL_RATE",)),
     ("", observation, ("NO_NEXT_FORM",)),
     ("", state, ("LEAST_QUATERNION",)),
@@ -159,6 +161,9 @@ ENUMERATIONS = {
         Enumeration("phases", "Phase sequences of a step of the gait.", tuple(STEPS)),
         Enumeration("phase", "Phases of the gait.", PHASES),
         Enumeration("locomotion_kind", "Commands to the manager of both gaits.", locomotion.KINDS, "LOCOMOTION_"),
+        Enumeration("situation", "Where a robot is before a command.", locomotion.SITUATIONS, "ON_"),
+        Enumeration("grasp_phase", "Phases of a grasp.", phases.GRASP_PHASES, "GRASP_"),
+        Enumeration("object_shape", "Shapes of objects that can be grasped.", locomotion.OBJECTS, "OBJECT_"),
         Enumeration("manager_phase", "Phases of the manager of both gaits.", orders.PHASES, "MANAGER_"),
         Enumeration("gate_kind", "Parts of a course: gates first, then floors.", gates.KINDS, "GATE_",
                     count="GATE_KINDS"),

@@ -19,7 +19,9 @@ from spidar_gym.control.flight.centroidal import CentroidalConfig, MotionError
 from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.motion import MOTIONS
+from spidar_gym.control.grasp.claw import Contact
 from spidar_gym.control.grasp.grip import Grip
+from spidar_gym.control.grasp.phases import GRASP_PHASES, GraspConfig, GraspMemory, Seen, Setting
 from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.model.interference import Disc, InterferenceConfig, no_interference
 from spidar_gym.model.rotor import Lock, LockConfig
@@ -38,6 +40,7 @@ WORDS: dict[tuple[str, str], tuple[str, ...]] = {
     ("gait_config", "stride"): STRIDES,
     ("disturbances", "fault"): FAULTS,
     ("object_config", "shape"): SHAPES,
+    ("grasp_memory", "phase"): GRASP_PHASES,
 }
 """Fields that are words in Python and numbers in C, with the valid words in order."""
 Bounds = tuple[int | float, int | float]
@@ -67,6 +70,9 @@ WHOLE: dict[tuple[str, str], Bounds] = {
     ("allocator_config", "max_iter"): COUNT,
     ("plant_config", "substeps"): COUNT,
     ("disturbances", "lost_rotor"): (0, N_ROTORS),
+    ("grasp_memory", "tests"): COUNT,
+    ("grasp_memory", "count"): COUNT,
+    ("grasp_config", "most_tests"): COUNT,
 }
 """Bounds of integers that are neither flags nor words, by struct and field."""
 FRACTIONS: dict[tuple[str, str], Bounds] = {
@@ -103,7 +109,8 @@ def samples() -> list[Any]:
         Pose2(), Lock(mask, mask, eight), no_interference(), MotionError(zero, zero, zero, zero),
         Demand(np.zeros(6), *maps, q, mask, eight, mask, eight, eight),
         CentroidalConfig(), CompensationConfig(), AllocatorConfig(), InterferenceConfig(), LockConfig(),
-        ControllerConfig(), GaitConfig(), CrawlerConfig(), EstimatorConfig(), ManagerConfig(),
+        ControllerConfig(), GaitConfig(), CrawlerConfig(), EstimatorConfig(),
+        GraspConfig(), Seen(zero, quat), Setting(), GraspMemory(), Contact(q, q, q, 0.0, 0.0), ManagerConfig(),
     ]  # fmt: skip
 
 

@@ -59,10 +59,28 @@ class Contact:
     """Form in which the feet touch it [rad]."""
     pressed: JointVector
     """Form in which the feet press a little [rad]."""
-    torso_o: Vector3
-    """Torso's origin from the object's, object axes but level [m]."""
+    height: float
+    """Height of the torso's origin over the object's [m]."""
     yaw: float
     """Heading of the torso [rad]."""
+
+
+def require_holdable(shape: str, half_size: Vector3, robot: RobotSpec = ROBOT) -> None:
+    """Raise `InvalidValueError` for an object that the claw cannot hold, with the reason.
+
+    Args:
+        shape: `box`, `cylinder` or `ball`.
+        half_size: As in `ObjectConfig` [m].
+        robot: The robot.
+    """
+    a, b, _ = half_size.tolist()
+    if shape == "box" and abs(a - b) > 0.02:
+        raise InvalidValueError("half_size", (a, b), "a box with equal length and width: all feet move alike [m]")
+    if not NARROWEST <= a <= WIDEST:
+        raise InvalidValueError("half_size", a, f"half a width within {NARROWEST:g} … {WIDEST:g} m")
+    foot = a + robot.foot_radius
+    for off in (OPEN, -PRESS):
+        claw_form(foot + off, claw_height(foot - PRESS, robot), robot)
 
 
 def plan_contact(
@@ -80,11 +98,8 @@ def plan_contact(
     Raises:
         InvalidValueError: For an object that the claw cannot hold, with the reason.
     """
-    a, b, _ = half_size.tolist()
-    if shape == "box" and abs(a - b) > 0.02:
-        raise InvalidValueError("half_size", (a, b), "a box with equal length and width: all feet move alike [m]")
-    if not NARROWEST <= a <= WIDEST:
-        raise InvalidValueError("half_size", a, f"half a width within {NARROWEST:g} … {WIDEST:g} m")
+    require_holdable(shape, half_size, robot)
+    a = float(half_size[0])
     w, _, _, z = quat_wo.tolist()
     facing = 2.0 * math.atan2(z, w) + 0.25 * math.pi  # legs, at 45° to the torso's axes, towards the faces
     turn = 0.5 * math.pi
@@ -92,4 +107,4 @@ def plan_contact(
     foot = a + robot.foot_radius
     height = claw_height(foot - PRESS, robot)
     forms = [claw_form(foot + off, height, robot) for off in (OPEN, 0.0, -PRESS)]
-    return Contact(*forms, torso_o=np.array([0.0, 0.0, -height]), yaw=heading)
+    return Contact(*forms, height=-height, yaw=heading)

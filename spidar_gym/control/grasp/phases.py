@@ -14,6 +14,7 @@ from spidar_gym.arrays import JointVector, Quaternion, Vector3
 from spidar_gym.control.flight.path import ease, wrap
 from spidar_gym.control.grasp.claw import Contact, plan_contact
 from spidar_gym.control.grasp.grip import Grip
+from spidar_gym.control.locomotion.commands import Grasp
 from spidar_gym.errors import require_within
 from spidar_gym.robot import GRAVITY, N_LEGS, ROBOT, RobotSpec
 
@@ -22,6 +23,8 @@ GRASP_PHASES = ("none", "rise", "over", "down", "close", "grip", "load", "test",
 """Phases of a grasp, in the order of a mission; `none` before and after it."""
 PRESSING = GRASP_PHASES[GRASP_PHASES.index("grip") : GRASP_PHASES.index("open")]
 """Phases in which the feet press, and the guard watches."""
+LEAVING = ("unload", "let_go", "open", "leave")
+"""Phases that end a grasp."""
 SAFE_GRIP = 33.0
 """Largest grip of a foot that legs and thrust make, by a cone program [N]."""
 QUINTIC_PEAK = 1.875
@@ -92,30 +95,6 @@ class Seen:
     """Its attitude."""
 
 
-@dataclass(frozen=True)
-class GraspTarget:
-    """What is known of an object to grasp."""
-
-    shape: str
-    """`box`, `cylinder` or `ball`."""
-    half_size: Vector3
-    """As in `ObjectConfig` [m]."""
-    most_force: float = SAFE_GRIP
-    """Largest force that a foot may press it with [N]."""
-    mass: float = 0.5
-    """Mass that is assumed until the test lift has measured it [kg]."""
-
-    @property
-    def radius(self) -> float:
-        """Half of its width [m]."""
-        return float(self.half_size[0])
-
-    @property
-    def top(self) -> float:
-        """Height of its top over its origin [m]."""
-        return float(self.half_size[0] if self.shape == "ball" else self.half_size[2])
-
-
 @dataclass(frozen=True, slots=True)
 class Setting:
     """What a phase ends with, and the next begins with."""
@@ -166,10 +145,10 @@ class GraspMemory:
     """Number of its summands."""
     found: float = 0.0
     """Time for which the signs of a floor have held [s]."""
-    rise: float = 0.0
-    """Height of the lift [m]."""
     held: bool = False
     """Whether the test lift has succeeded and the object is held."""
+    placed: bool = False
+    """Whether the held object stands."""
     lost: bool = False
     """Whether the object was lost."""
     refused: bool = False
@@ -210,30 +189,36 @@ def heading_of(quat_wo: Quaternion) -> float:
 class Grasper:
     """The phases of a grasp, from the way to the object until the robot has left it."""
 
-    def __init__(self, config: GraspConfig | None = None, robot: RobotSpec = ROBOT) -> None:
-        """Build it without an object."""
+    def __init__(
+        self, config: GraspConfig | None = None, robot: RobotSpec = ROBOT, joint_speed: float | None = None
+    ) -> None:
+        """Build it without an object; `joint_speed` is the largest speed of the joints, else the robot's [rad/s]."""
         self.config, self.robot = config or GraspConfig(), robot
+        self._joint_speed = robot.joint_speed if joint_speed is None else joint_speed
         self.memory = GraspMemory()
-        self.target: GraspTarget | None = None
+        self.target: Grasp | None = None
         self.plan: Contact | None = None
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.memory, self.target, self.plan = GraspMemory(), None, None
 
     # ---- orders ----
 
-    def begin(self, target: GraspTarget, seen: Seen, pose_w: np.ndarray, form: JointVector, rise: float) -> None:
+    def begin(self, target: Grasp, seen: Seen, pose_w: np.ndarray, form: JointVector) -> None:
         """Plan the contact, and begin to move over the object (`InvalidValueError` for one that cannot be held).
 
         Args:
-            target: The object.
+            target: The object, and how high to lift it.
             seen: Its pose.
             pose_w: Reference of the torso: origin and heading (4,) [m], [rad].
             form: Present joint setpoints [rad].
-            rise: Height of the lift [m].
         """
         self.plan = plan_contact(target.shape, target.half_size, seen.quat_wo, float(pose_w[3]), self.robot)
         self.target = target
-        self.memory = GraspMemory(end=Setting(pose_w.copy(), form.copy()), rise=rise)
+        self.memory = GraspMemory(end=Setting(pose_w.copy(), form.copy()))
         self.memory.mass, self.memory.force = target.mass, min(self.config.first_grip, self.most_force)
-        over = float(seen.position_w[2]) + float(self.plan.torso_o[2]) + self.config.above
+        over = float(seen.position_w[2]) + self.plan.height + self.config.above
         self._enter("rise", self._at((float(pose_w[0]), float(pose_w[1]), max(over, float(pose_w[2]))), self.plan.open))
 
     def carry(self, position_w: Vector3, yaw: float | None, speed: float) -> None:
@@ -253,7 +238,8 @@ class Grasper:
 
     def release(self) -> None:
         """Let go, open the legs and leave upwards."""
-        self.memory.held = False
+        self.stop()
+        self.memory.held = self.memory.placed = False
         self._enter("unload", self._shifted(0.0, payload=0.0), least=self.config.load_time)
 
     def stop(self) -> None:
@@ -261,6 +247,19 @@ class Grasper:
         m = self.memory
         if m.phase in ("lift", "carry", "lower", "feel"):
             self._rest_at(self._now(self.config.load_time)[0], "hold")
+
+    def abandon(self) -> None:
+        """Open the legs and leave an object that is not held yet."""
+        assert self.plan is not None
+        if self.memory.phase not in (*PRESSING, *LEAVING, "none"):
+            now = self._now(self.config.load_time)[0]
+            self.memory.end = Setting(now.pose_w, now.form)
+            self._enter("leave", self._shifted(self.config.above, self.plan.open))
+
+    @property
+    def holds(self) -> bool:
+        """Whether the feet press on the object, or are about to."""
+        return self.memory.phase in PRESSING
 
     @property
     def most_force(self) -> float:
@@ -290,7 +289,7 @@ class Grasper:
         m = self.memory
         where = self._where(position_w, yaw, seen)
         if m.phase in PRESSING and self._is_lost(position_w, yaw, q, seen):
-            m.lost, m.held = True, False
+            m.lost, m.held, m.placed = True, False, False
             self._leave(position_w, q)
         else:
             self._watch(position_w, lift, where, dt)
@@ -367,7 +366,7 @@ class Grasper:
         bend = float(np.abs(end.form - begin.form).max())
         m.seconds = max(
             least, QUINTIC_PEAK * far / (speed or config.near_speed), QUINTIC_PEAK * turn / config.turn_speed,
-            QUINTIC_PEAK * bend / self.robot.joint_speed,
+            QUINTIC_PEAK * bend / self._joint_speed,
         )  # fmt: skip
         m.phase, m.time, m.begin, m.end = phase, 0.0, begin, end
         m.total, m.count, m.found = 0.0, 0, 0.0
@@ -387,8 +386,8 @@ class Grasper:
     def _home(self, where: Vector3, up: float) -> tuple[float, float, float]:
         """Return the torso's place for the grip, or above it [m]."""
         assert self.plan is not None
-        x, y, z = (where + rotated(self.plan.yaw, self.plan.torso_o)).tolist()
-        return x, y, z + up
+        x, y, z = where.tolist()
+        return x, y, z + self.plan.height + up
 
     def _next(self, position_w: Vector3, yaw: float, where: Vector3, seen: Seen | None) -> None:
         """Enter the phase after the present one."""
@@ -424,7 +423,8 @@ class Grasper:
         elif phase == "test":
             self._judge(float(where[2]) - m.stood, float(where[2] - position_w[2]) - m.height)
         elif phase == "settle":
-            self._enter("lift", self._shifted(m.rise - config.test_height))
+            assert self.target is not None
+            self._enter("lift", self._shifted(self.target.height - config.test_height))
         elif phase in ("lift", "carry"):
             m.place_b = m.place_b if seen is None else rotated(-yaw, where - position_w)
             m.turn = m.turn if seen is None else wrap(heading_of(seen.quat_wo) - yaw)
@@ -440,7 +440,7 @@ class Grasper:
             pose = np.append(position_w, m.end.pose_w[3])
             pose[:2] = m.end.pose_w[:2]
             self._rest_at(Setting(pose, m.end.form, m.end.force, m.end.payload), "hold")
-            m.held = False
+            m.placed = True
         elif phase == "unload":
             self._enter("let_go", self._shifted(config.slack, force=0.0), least=config.grip_time)
         elif phase == "let_go":

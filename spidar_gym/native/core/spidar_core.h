@@ -60,6 +60,21 @@ void sp_grip_carried(const sp_robot *robot, const sp_grip *grip, const sp_snapsh
 void sp_grip_disc(const sp_grip *grip, const sp_snapshot *snapshot, const double *R_wb, const double *position_w,
                   sp_disc *disc);
 
+/* grasp.c */
+const char *sp_refuse_object(const sp_robot *robot, const sp_waypoint *order); /* NULL: the claw can hold it */
+void sp_grasp_begin(const sp_robot *robot, sp_grasper *grasper, const sp_waypoint *target, const sp_seen *seen,
+                    const double *pose_w, const double *form);
+void sp_grasp_carry(sp_grasper *grasper, const sp_waypoint *order);
+void sp_grasp_place(sp_grasper *grasper, double floor_w);
+void sp_grasp_release(sp_grasper *grasper);
+void sp_grasp_stop(sp_grasper *grasper);
+void sp_grasp_abandon(sp_grasper *grasper);
+int sp_grasp_presses(const sp_grasper *grasper);
+int sp_grasp_leaves(const sp_grasper *grasper);
+int sp_grasp_waits(const sp_grasper *grasper);
+void sp_grasp_step(const sp_robot *robot, sp_grasper *grasper, const sp_robot_state *state, double yaw, double lift,
+                   const sp_seen *seen, double dt, sp_setting *aim, double *rate); /* seen: NULL if it is not */
+
 /* program.c */
 const sp_mode *sp_find_mode(int32_t kind); /* kind: of sp_program_kind, flight modes first */
 void sp_ground_mode(int32_t kind, const sp_crawler_config *config, sp_mode *mode);
@@ -144,12 +159,14 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
 /* manager.c: both gaits */
 void sp_manager_init(const sp_robot *robot, sp_manager *manager, const sp_manager_config *config);
 void sp_manager_reset(const sp_robot *robot, sp_manager *manager, const sp_robot_state *state);
+int32_t sp_manager_situation(const sp_manager *manager); /* sp_situation */
 int sp_manager_airborne(const sp_manager *manager);
 int sp_manager_done(const sp_manager *manager);
 int sp_manager_command(sp_manager *manager, const sp_waypoint *command);
 int sp_manager_interrupt(sp_manager *manager, const sp_waypoint *commands, int n);
-void sp_manager_step(sp_manager *manager, const sp_robot_state *state, const sp_residual *residual, sp_room *room,
-                     sp_command *command);
+const char *sp_cannot_follow(int32_t kind, int32_t *situation);
+void sp_manager_step(sp_manager *manager, const sp_robot_state *state, const sp_residual *residual, const sp_seen *seen,
+                     sp_room *room, sp_command *command); /* seen: object to grasp, NULL if it is not seen */
 
 /* pilot.c: courses */
 double sp_course_floor(const sp_course *course, double x);

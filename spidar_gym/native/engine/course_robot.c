@@ -237,7 +237,7 @@ static void act(const sp_course_rules *rules, sp_room *room, sp_course_robot *c)
         sp_make_residual(episode->action, mode->authority, mode->size, mode->channels, &episode->residual);
         residual = &episode->residual;
     }
-    sp_manager_step(&c->manager, seen, residual, room, &episode->command);
+    sp_manager_step(&c->manager, seen, residual, NULL, room, &episode->command);
     c->phase = c->manager.memory.phase;
     episode->has_command = 1;
 }

@@ -30,6 +30,14 @@
 #define SP_COURSE_AHEAD 3
 #define SP_CLOCK_TICKS 80
 #define SP_GRIP_LEVER 0x1.3333333333333p+0 /* 1.2, spidar_gym.control.grasp.grip.LEVER */
+#define SP_CLAW_HIGH -0x1.8f5c28f5c28f6p-1 /* -0.78, spidar_gym.control.grasp.claw.HIGH */
+#define SP_CLAW_KNEE 0x1.8000000000000p+0 /* 1.5, spidar_gym.control.grasp.claw.KNEE */
+#define SP_CLAW_OPEN 0x1.47ae147ae147bp-3 /* 0.16, spidar_gym.control.grasp.claw.OPEN */
+#define SP_CLAW_PRESS 0x1.47ae147ae147bp-8 /* 0.005, spidar_gym.control.grasp.claw.PRESS */
+#define SP_CLAW_NARROWEST 0x1.1eb851eb851ecp-3 /* 0.14, spidar_gym.control.grasp.claw.NARROWEST */
+#define SP_CLAW_WIDEST 0x1.ae147ae147ae1p-2 /* 0.42, spidar_gym.control.grasp.claw.WIDEST */
+#define SP_GRASP_SAFE_GRIP 0x1.0800000000000p+5 /* 33.0, spidar_gym.control.grasp.phases.SAFE_GRIP */
+#define SP_GRASP_QUINTIC_PEAK 0x1.e000000000000p+0 /* 1.875, spidar_gym.control.grasp.phases.QUINTIC_PEAK */
 #define SP_DISC_NEAREST 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.model.interference.NEAREST */
 #define SP_DISC_FARTHEST 0x1.3333333333333p-1 /* 0.6, spidar_gym.model.interference.FARTHEST */
 #define SP_CONTROL_RATE 0x1.4000000000000p+5 /* 40.0, spidar_gym.control.flight.controller.CONTROL_RATE */
@@ -183,13 +191,33 @@ typedef enum {
 
 /* Commands to the manager of both gaits. */
 typedef enum {
-    SP_LOCOMOTION_CRAWL_TO = 0, SP_LOCOMOTION_TAKE_OFF = 1, SP_LOCOMOTION_FLY_TO = 2, SP_LOCOMOTION_LAND = 3
+    SP_LOCOMOTION_CRAWL_TO = 0, SP_LOCOMOTION_TAKE_OFF = 1, SP_LOCOMOTION_FLY_TO = 2, SP_LOCOMOTION_LAND = 3,
+    SP_LOCOMOTION_GRASP = 4, SP_LOCOMOTION_CARRY_TO = 5, SP_LOCOMOTION_PLACE = 6, SP_LOCOMOTION_RELEASE = 7
 } sp_locomotion_kind;
+
+/* Where a robot is before a command. */
+typedef enum {
+    SP_ON_FLOOR = 0, SP_ON_AIR = 1, SP_ON_GRIP = 2, SP_ON_PLACED = 3
+} sp_situation;
+
+/* Phases of a grasp. */
+typedef enum {
+    SP_GRASP_NONE = 0, SP_GRASP_RISE = 1, SP_GRASP_OVER = 2, SP_GRASP_DOWN = 3, SP_GRASP_CLOSE = 4, SP_GRASP_GRIP = 5,
+    SP_GRASP_LOAD = 6, SP_GRASP_TEST = 7, SP_GRASP_BACK = 8, SP_GRASP_SETTLE = 9, SP_GRASP_LIFT = 10, SP_GRASP_HOLD =
+    11, SP_GRASP_CARRY = 12, SP_GRASP_LOWER = 13, SP_GRASP_FEEL = 14, SP_GRASP_UNLOAD = 15, SP_GRASP_LET_GO = 16,
+    SP_GRASP_OPEN = 17, SP_GRASP_LEAVE = 18
+} sp_grasp_phase;
+
+/* Shapes of objects that can be grasped. */
+typedef enum {
+    SP_OBJECT_BOX = 0, SP_OBJECT_CYLINDER = 1, SP_OBJECT_BALL = 2
+} sp_object_shape;
 
 /* Phases of the manager of both gaits. */
 typedef enum {
     SP_MANAGER_LIE = 0, SP_MANAGER_CRAWL = 1, SP_MANAGER_SPOOL = 2, SP_MANAGER_CLIMB = 3, SP_MANAGER_HOVER = 4,
-    SP_MANAGER_FORM = 5, SP_MANAGER_FLY = 6, SP_MANAGER_DESCEND = 7, SP_MANAGER_UNLOAD = 8, SP_MANAGER_CUT = 9
+    SP_MANAGER_FORM = 5, SP_MANAGER_FLY = 6, SP_MANAGER_DESCEND = 7, SP_MANAGER_UNLOAD = 8, SP_MANAGER_CUT = 9,
+    SP_MANAGER_GRASP = 10
 } sp_manager_phase;
 
 /* Parts of a course: gates first, then floors. */
@@ -220,6 +248,8 @@ enum { SP_GAIT_CONFIG_STRIDE_CENTRED = 0, SP_GAIT_CONFIG_STRIDE_HOME = 1 };
 enum { SP_DISTURBANCES_FAULT_THRUST = 0, SP_DISTURBANCES_FAULT_VECTORING = 1 };
 
 enum { SP_OBJECT_CONFIG_SHAPE_NONE = 0, SP_OBJECT_CONFIG_SHAPE_BOX = 1, SP_OBJECT_CONFIG_SHAPE_CYLINDER = 2, SP_OBJECT_CONFIG_SHAPE_BALL = 3 };
+
+enum { SP_GRASP_MEMORY_PHASE_NONE = 0, SP_GRASP_MEMORY_PHASE_RISE = 1, SP_GRASP_MEMORY_PHASE_OVER = 2, SP_GRASP_MEMORY_PHASE_DOWN = 3, SP_GRASP_MEMORY_PHASE_CLOSE = 4, SP_GRASP_MEMORY_PHASE_GRIP = 5, SP_GRASP_MEMORY_PHASE_LOAD = 6, SP_GRASP_MEMORY_PHASE_TEST = 7, SP_GRASP_MEMORY_PHASE_BACK = 8, SP_GRASP_MEMORY_PHASE_SETTLE = 9, SP_GRASP_MEMORY_PHASE_LIFT = 10, SP_GRASP_MEMORY_PHASE_HOLD = 11, SP_GRASP_MEMORY_PHASE_CARRY = 12, SP_GRASP_MEMORY_PHASE_LOWER = 13, SP_GRASP_MEMORY_PHASE_FEEL = 14, SP_GRASP_MEMORY_PHASE_UNLOAD = 15, SP_GRASP_MEMORY_PHASE_LET_GO = 16, SP_GRASP_MEMORY_PHASE_OPEN = 17, SP_GRASP_MEMORY_PHASE_LEAVE = 18 };
 
 /* Phases of each of sp_phases, −1 after the last. */
 static const int32_t SP_STEP_PHASES[3][10] = {

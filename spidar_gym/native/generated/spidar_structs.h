@@ -274,10 +274,84 @@ typedef struct {
     double vectoring_bandwidth; /* Bandwidth of the vectoring velocity filter [rad/s]. */
 } sp_estimator_config;
 
-/* Configuration of the manager: controllers of both gaits, take-off and landing. */
+/* Heights, speeds and thresholds of a grasp. */
+typedef struct {
+    double above; /* Height over the place of the grip at which the robot comes over an object, and to which it leaves [m]. */
+    double reach_speed; /* Largest speed of the torso to and over an object [m/s]. */
+    double near_speed; /* Largest speed of the torso while its feet surround an object that stands [m/s]. */
+    double turn_speed; /* Largest rate of the heading [rad/s]. */
+    double first_grip; /* Force of each foot with which the test lift begins [N], or the most that the object bears. */
+    double more_grip; /* Increase of that force after a test in which the feet slipped [N]. */
+    double reserve; /* Force of the grip after the test over the least that holds the object with `friction`. */
+    double friction; /* Friction that is assumed then, if the test did not tell a lower one. */
+    double grip_time; /* Time in which the grip grows or ends [s]. */
+    double load_time; /* Time in which the payload grows or ends [s]. */
+    double test_height; /* Height of the test lift [m]. */
+    double test_time; /* Time of the test in the air, of whose second half the mean is taken [s]. */
+    double slip; /* The feet slip if the object stays this far behind in the test [m]. */
+    int32_t most_tests; /* Number of tests after which the object is left. */
+    double feel_speed; /* Speed of the descent near the expected floor [m/s]. */
+    double feel_height; /* Height over the expected floor from which that speed is used [m]. */
+    double search; /* A descent that finds no floor ends this far below the expected one [m]. */
+    double touch_error; /* The floor is found when the torso is this far above its reference [m], beyond its error before. */
+    double touch_time; /* Time for which it must be [s]. */
+    double slack; /* Height by which the torso rises while it lets go [m]: feet that are pressed down on an object knock it. */
+    double bent; /* The object is lost if a joint is this far from its angle at the contact [rad]. */
+    double away; /* The object is lost if it is this far from its place below the torso [m]. */
+} sp_grasp_config;
+
+/* An object as motion capture sees it. */
+typedef struct {
+    double position_w[3]; /* Its origin, in its middle, world [m]. */
+    double quat_wo[4]; /* Its attitude. */
+} sp_seen;
+
+/* What a phase ends with, and the next begins with. */
+typedef struct {
+    double pose_w[4]; /* Torso's origin and heading (4,) [m], [rad]. */
+    double form[16]; /* Joint angles [rad]. */
+    double force; /* Force of each foot [N]. */
+    double payload; /* Mass that is carried [kg]. */
+} sp_setting;
+
+/* State of a grasp between ticks. */
+typedef struct {
+    int32_t phase; /* One of `GRASP_PHASES`. */
+    double time; /* Time in the phase [s]. */
+    double seconds; /* Duration of the phase [s]. */
+    sp_setting begin; /* Setting at the begin of the phase. */
+    sp_setting end; /* Setting at its end. */
+    double place_b[3]; /* Object's origin from the torso's at the last grip, torso axes but level [m]. */
+    double turn; /* Heading of the object beyond that of the torso at the last grip [rad]. */
+    double force; /* Force of each foot while it holds [N]. */
+    double mass; /* Mass of the object as far as it is known [kg]. */
+    double hover; /* Mean lift without the object [N]. */
+    double height; /* Height of the object over the torso before the test [m]; in `hold` the torso's error of height [m]. */
+    double stood; /* Height of the object's origin before the test [m]. */
+    int32_t tests; /* Number of tests. */
+    double total; /* Sum of a quantity over the ticks of the phase. */
+    int32_t count; /* Number of its summands. */
+    double found; /* Time for which the signs of a floor have held [s]. */
+    int32_t held; /* Whether the test lift has succeeded and the object is held. */
+    int32_t placed; /* Whether the held object stands. */
+    int32_t lost; /* Whether the object was lost. */
+    int32_t refused; /* Whether the test lift found the object too heavy or too slippery for the forces that it bears. */
+} sp_grasp_memory;
+
+/* Where and in which forms an object is held. */
+typedef struct {
+    double open[16]; /* Form around the object [rad]. */
+    double closed[16]; /* Form in which the feet touch it [rad]. */
+    double pressed[16]; /* Form in which the feet press a little [rad]. */
+    double height; /* Height of the torso's origin over the object's [m]. */
+    double yaw; /* Heading of the torso [rad]. */
+} sp_contact;
+
+/* Configuration of the manager: controllers of both gaits, take-off and landing, grasps. */
 typedef struct {
     sp_controller_config flight; /* Configuration of the flight controller. */
     sp_crawler_config crawl; /* Configuration of the crawler. */
+    sp_grasp_config grasp; /* Heights, speeds and thresholds of a grasp. */
     double spool_time; /* Time in which the load shifts from the floor to the rotors [s]. */
     double climb_speed; /* Largest speed of the climb after take-off [m/s]. */
     double descent_speed; /* Speed of the descent [m/s]. */
@@ -551,8 +625,22 @@ typedef struct {
     int32_t has_form, along; /* whether `form` is valid; whether to turn towards the goal first */
     int32_t at_once; /* whether to turn during the present motion and to change the form in flight */
     double form[16]; /* joint angles during the flight [rad] */
-    double speed, height, floor; /* of the flight [m/s]; of the take-off [m]; expected height of the floor [m] */
+    double speed, height, floor; /* of the flight [m/s]; of take-off or lift [m]; expected height of the floor [m] */
+    int32_t shape, has_yaw; /* of the object, as in `OBJECTS`; whether `yaw` is valid */
+    double yaw; /* heading of the object at the goal [rad] */
+    double half_size[3]; /* of the object [m] */
+    double most_force, mass; /* that a foot may press with [N]; until it is measured [kg] */
 } sp_waypoint;
+
+/* The phases of a grasp. */
+typedef struct {
+    sp_grasp_config config;
+    sp_grasp_memory memory;
+    sp_contact plan;
+    sp_waypoint target; /* order to grasp */
+    double joint_speed; /* largest speed of the joints [rad/s] */
+    sp_grip grip; /* of the last tick */
+} sp_grasper;
 
 /* State of the manager of both gaits between ticks. */
 typedef struct {
@@ -565,6 +653,7 @@ typedef struct {
     double floor, velocity; /* height of the CoG of the lying robot [m]; rate of the descent [m/s] */
     double believed, thrust; /* time since floor detection or form command [s]; Σλ of the last tick [N] */
     int32_t failures, rises; /* failed landings in a row; whether it takes off at the next tick */
+    int32_t begun, unused; /* whether the present command of a grasp has begun */
 } sp_manager_memory;
 
 /* The manager of both gaits. */
@@ -573,6 +662,7 @@ typedef struct {
     sp_manager_memory memory;
     sp_flight flight;
     sp_crawl crawl;
+    sp_grasper grasper;
     sp_reference reference; /* of the last tick in flight */
     sp_waypoint commands[64]; /* the present one first */
     int32_t count, knot_count; /* numbers of commands and of knots */

@@ -87,7 +87,7 @@ static sp_fault step(sp_loop *l)
     sp_manager *m = &l->manager;
     sp_command command;
     sp_go_by_map(l);
-    sp_manager_step(m, &l->sense.state, NULL, sp_own_room(&l->mission.robot), &command);
+    sp_manager_step(m, &l->sense.state, NULL, NULL, sp_own_room(&l->mission.robot), &command);
     l->answer.phase = m->crawl.gait.phase;
     l->answer.timeouts = m->crawl.gait.timeouts;
     if (flies(m)) l->reference = m->reference;

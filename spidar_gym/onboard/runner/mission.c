@@ -69,14 +69,13 @@ static const char *read_kind(const sp_parameters *p, sp_mission *m, char **words
 
 static const char *read_order(sp_mission *m, char **words, int count)
 {
-    int airborne = m->order_count > 0;
+    int32_t situation = SP_ON_FLOOR;
     if (m->kind != SP_MISSION_COURSE) return "crawl_to, take_off, fly_to, land for a course";
-    if (airborne) airborne = m->orders[m->order_count - 1].kind == SP_LOCOMOTION_FLY_TO ||
-                             m->orders[m->order_count - 1].kind == SP_LOCOMOTION_TAKE_OFF;
+    if (m->order_count > 0) sp_cannot_follow(m->orders[m->order_count - 1].kind, &situation); /* after it */
     if (m->order_count == SP_MAX_WAYPOINTS) return "at most 64 orders at once";
     sp_waypoint *order = &m->orders[m->order_count];
     const char *valid = sp_read_order(m, words, count, order);
-    if (valid == NULL) valid = sp_cannot_follow(order->kind, &airborne);
+    if (valid == NULL) valid = sp_cannot_follow(order->kind, &situation);
     if (valid == NULL) m->order_count++;
     return valid;
 }

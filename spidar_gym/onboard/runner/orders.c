@@ -131,15 +131,6 @@ const char *sp_read_order(const sp_mission *m, char **words, int count, sp_waypo
     return read_fly_to(m, order, words, count);
 }
 
-const char *sp_cannot_follow(int32_t kind, int *airborne)
-{
-    int flies = kind == SP_LOCOMOTION_FLY_TO || kind == SP_LOCOMOTION_LAND;
-    if (flies && !*airborne) return "take_off first: the robot is on the floor there";
-    if (!flies && *airborne) return "land first: the robot is in the air there";
-    *airborne = kind == SP_LOCOMOTION_FLY_TO || kind == SP_LOCOMOTION_TAKE_OFF;
-    return NULL;
-}
-
 /* Whether the gait's queue can hold the cycles of a displacement. */
 static int reachable(const sp_robot *robot, const sp_manager *m, sp_pose2 way)
 {
@@ -154,15 +145,15 @@ const char *sp_refuse_orders(const sp_robot *robot, const sp_manager *m, const s
                              const sp_waypoint *orders, int n, int now)
 {
     const sp_waypoint *last = m->count > 0 && !now ? &m->commands[m->count - 1] : NULL;
-    int airborne = sp_manager_airborne(m);
+    int32_t situation = sp_manager_situation(m);
     double R[9];
     sp_from_quat(state->quat_wb, R);
     sp_pose2 place = planar_pose(state->position_w, R);
     if (n + (now ? 1 : m->count) > SP_MAX_WAYPOINTS) return "at most 64 orders at once";
-    if (last != NULL) airborne = last->kind == SP_LOCOMOTION_FLY_TO || last->kind == SP_LOCOMOTION_TAKE_OFF;
+    if (last != NULL) sp_cannot_follow(last->kind, &situation); /* after it */
     for (int k = now ? 0 : -m->count; k < n; k++) { /* pending orders determine where new ones begin */
         const sp_waypoint *o = k < 0 ? &m->commands[m->count + k] : &orders[k];
-        const char *why = k < 0 ? NULL : sp_cannot_follow(o->kind, &airborne);
+        const char *why = k < 0 ? NULL : sp_cannot_follow(o->kind, &situation);
         if (why != NULL) return why;
         if (o->kind == SP_LOCOMOTION_CRAWL_TO) {
             if (k >= 0 && !reachable(robot, m, then(inverse(place), o->pose))) return "a crawl_to within reach: a shorter distance";
