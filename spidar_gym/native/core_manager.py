@@ -50,7 +50,11 @@ def waypoint(command: LocomotionCommand) -> np.ndarray:
         record["at_once"], record["has_form"] = command.at_once, command.form is not None
         record["form"] = 0.0 if command.form is None else command.form
     elif isinstance(command, Grasp):
-        record["shape"], record["half_size"], record["height"] = OBJECTS.index(command.shape), command.half_size, command.height
+        record["shape"], record["half_size"], record["height"] = (
+            OBJECTS.index(command.shape),
+            command.half_size,
+            command.height,
+        )
         record["most_force"], record["mass"] = command.most_force, command.mass
     elif isinstance(command, CarryTo):
         record["position_w"], record["speed"] = command.position_w, command.speed

@@ -246,7 +246,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("has_form along", "i4", (), "whether `form` is valid; whether to turn towards the goal first", FLAG),
         ("at_once", "i4", (), "whether to turn during the present motion and to change the form in flight", FLAG),
         ("form", "f8", (N_JOINTS,), "joint angles during the flight [rad]"),
-        ("speed height floor", "f8", (), "of the flight [m/s]; of take-off or lift [m]; expected height of the floor [m]"),
+        ("speed height floor", "f8", (), "of the flight [m/s]; of take-off or lift [m]; of the expected floor [m]"),
         ("shape has_yaw", "i4", (), "of the object, as in `OBJECTS`; whether `yaw` is valid",
          ((0, len(OBJECTS) - 1), FLAG)),
         ("yaw", "f8", (), "heading of the object at the goal [rad]"),

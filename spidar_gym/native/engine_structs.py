@@ -151,7 +151,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("imu_position_b", "f8", (3,), "position of the inertial unit, which motion capture tracks [m]"),
         ("encoder_step", "f8", (N_ANGLES,), "one count of each encoder [rad]"),
         ("object_type", "i4", (len(object.SHAPES),), "MuJoCo's geom type of each shape"),
-        ("patch", "f8", (len(object.SHAPES), object.N_PATCHES, object.PATCH), "patches of an object with half sizes of 1"),
+        ("patch", "f8", (len(object.SHAPES), object.N_PATCHES, object.PATCH), "of objects with half sizes of 1"),
         ("start", "f8", (MUJOCO_STATE + OBJECT_STATE,), "MuJoCo's state after a reset"),
     )),
     CStruct("air", "Result of one evaluation of the air.", (
@@ -195,8 +195,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
     CStruct("object_state", "State of the object, and what acts on it.", (
         ("position_w", "f8", (3,), "origin [m]"),
         ("quat_wo", "f8", (4,), "attitude (w, x, y, z)"),
-        ("velocity_w omega_o", "f8", (3,), "velocity of the origin, world [m/s]; angular velocity, object axes [rad/s]"),
-        ("foot_force_w", "f8", (3 * N_LEGS,), "force of each foot on the object in the last physics step, world [N]"),
+        ("velocity_w omega_o", "f8", (3,), "of the origin, world [m/s]; angular velocity, object axes [rad/s]"),
+        ("foot_force_w", "f8", (3 * N_LEGS,), "force of each foot on it in the last physics step, world [N]"),
         ("floor_force_w", "f8", (3,), "force of floor and boxes on the object in it [N]"),
         ("air_force_w air_torque_w", "f8", (3,), "force of the air and its torque about the origin [N], [Nm]"),
         ("is_hit", "i4", (), "whether parts other than feet have touched it since the reset", FLAG),

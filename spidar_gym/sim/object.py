@@ -151,7 +151,7 @@ def _in_disc(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _on_ball(edges: np.ndarray, axis: int, sign: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the middles of the patches of a face of a cube projected onto the unit ball at equal angles; their areas."""
+    """Return middles and areas of the patches of a cube's face, projected onto the unit ball at equal angles."""
     tangent = np.tan(0.25 * math.pi * edges)
     corner = np.arctan2(
         np.multiply.outer(tangent, tangent), np.sqrt(1.0 + np.add.outer(tangent**2, tangent**2))

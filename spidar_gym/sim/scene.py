@@ -40,9 +40,9 @@ def scene(
 ) -> mujoco.MjModel:
     """Build the model of a robot on a floor; without `visual`, purely visual geoms are omitted, a third of a step.
 
-    With `uneven` the floor has tiles, with `boxed` boxes, which `GroundConfig.apply` places. `film` selects the look of
-    films and figures. With `free` there is an object, and rods and batteries collide with it, see `ObjectConfig`. `film` selects the look of
-    films and figures. The plain look is fixed, because the environments' pictures, which may be observations, have it.
+    With `uneven` the floor has tiles, with `boxed` boxes, which `GroundConfig.apply` places. With `free` there is an
+    object, and rods and batteries collide with it, see `ObjectConfig`. `film` selects the look of films and figures.
+    The plain look is fixed, because the environments' pictures, which may be observations, have it.
     """
     spec = mujoco.MjSpec.from_string(model_text(robot))
     if not visual:

@@ -1,4 +1,4 @@
-"""Pins the free object: its mass, shape, friction and inertia in the engine, the jets on it, and that robots do not notice."""
+"""Pins the free object: mass, shape, friction and inertia in the engine, and the jets on it; robots do not notice."""
 
 import math
 
@@ -128,8 +128,12 @@ def test_wind_presses_with_the_dynamic_pressure_on_the_front():
         plant = Plant(PlantConfig(object=thing))
         placed(plant, (8.0, 0.0, 0.3))
         air = evaluate_air(
-            plant._engine.simulations[0], np.zeros(8), wind_w=np.array([5.0, 0.0, 0.0]), noise=np.zeros(8),
-            push_w=np.zeros(3), thing=thing,
+            plant._engine.simulations[0],
+            np.zeros(8),
+            wind_w=np.array([5.0, 0.0, 0.0]),
+            noise=np.zeros(8),
+            push_w=np.zeros(3),
+            thing=thing,
         )
         front = {"box": 0.4 * 0.5, "cylinder": 0.6 * 0.5, "ball": math.pi * 0.09}[shape]
         # Over a half circle ∫ cos³ is 2/3 of the diameter; over a half ball cos² has the mean 1/2.

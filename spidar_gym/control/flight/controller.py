@@ -385,7 +385,12 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         return self._demand(memory, snapshot, reference or level, vectoring, wrench)[0]
 
     def _demand(
-        self, memory: FlightMemory, snapshot: Snapshot, reference: Reference, vectoring: Vectoring, wrench: Wrench,
+        self,
+        memory: FlightMemory,
+        snapshot: Snapshot,
+        reference: Reference,
+        vectoring: Vectoring,
+        wrench: Wrench,
         disc: Disc | None = None,
     ) -> tuple[Demand, Lock, Interference]:
         """Build the allocation's demand in the mode and with the lost modules of the `reference`."""

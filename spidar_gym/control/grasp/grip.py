@@ -15,8 +15,8 @@ from spidar_gym.model.interference import Disc
 from spidar_gym.robot import GRAVITY, N_LEGS
 
 LEVER = 1.2
-"""Longest horizontal lever of a payload from the torso's origin [m]: no leg reaches farther, and the weight of an object
-that was left behind must not tilt the robot."""
+"""Longest horizontal lever of a payload from the torso's origin [m]: no leg reaches farther, and the weight of an
+object that was left behind must not tilt the robot."""
 
 
 @dataclass(frozen=True, slots=True)

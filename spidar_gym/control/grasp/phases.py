@@ -6,7 +6,7 @@ which the object is lost: the lever of the payload would follow an object that s
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -173,6 +173,18 @@ class GraspReference:
     """The object among the targets of jets, and what the legs do with it."""
 
 
+@dataclass(frozen=True, slots=True)
+class _View:
+    """What a transition depends on."""
+
+    position_w: Vector3
+    """Torso's origin [m]."""
+    where: Vector3
+    """Object's origin, unseen where it was held [m]."""
+    seen: Seen | None
+    """The object, if it is seen."""
+
+
 def rotated(yaw: float, v: Vector3) -> Vector3:
     """Return a vector turned about the vertical."""
     c, s = math.cos(yaw), math.sin(yaw)
@@ -329,9 +341,7 @@ class Grasper:
         """Take the means that a phase measures, and detect the floor."""
         m, config = self.memory, self.config
         late = m.time > m.seconds - 0.5 * config.test_time
-        if m.phase == "down" and late:
-            m.total, m.count = m.total + lift, m.count + 1
-        elif m.phase == "test" and late:
+        if m.phase in ("down", "test") and late:
             m.total, m.count = m.total + lift, m.count + 1
         elif m.phase == "hold":  # the torso's error before a descent
             m.height += min(1.0, dt / 0.5) * (float(position_w[2] - m.end.pose_w[2]) - m.height)
@@ -353,8 +363,9 @@ class Grasper:
                  payload: float | None = None) -> Setting:  # fmt: skip
         """Return the end of the present phase, higher [m], with another form, force, payload."""
         end = self.memory.end
+        x, y, z, yaw = end.pose_w.tolist()
         return Setting(
-            end.pose_w + (0.0, 0.0, up, 0.0), end.form if form is None else form,
+            np.array([x, y, z + up, yaw]), end.form if form is None else form,
             end.force if force is None else force, end.payload if payload is None else payload,
         )  # fmt: skip
 
@@ -391,73 +402,102 @@ class Grasper:
 
     def _next(self, position_w: Vector3, yaw: float, where: Vector3, seen: Seen | None) -> None:
         """Enter the phase after the present one."""
-        m, config, plan = self.memory, self.config, self.plan
-        assert plan is not None
-        phase = m.phase
-        if phase in ("rise", "over", "down") and seen is None:
+        m = self.memory
+        if m.phase in ("rise", "over", "down") and seen is None:
             return  # the robot waits for a view of the object
-        if phase == "rise":
-            assert seen is not None and self.target is not None
-            self.plan = plan = plan_contact(
-                self.target.shape, self.target.half_size, seen.quat_wo, float(m.end.pose_w[3]), self.robot
-            )
-            x, y, z = self._home(where, config.above)
-            turned = float(m.end.pose_w[3]) + wrap(plan.yaw - float(m.end.pose_w[3]))
-            over = Setting(np.array([x, y, max(z, float(m.end.pose_w[2])), turned]), plan.open)
-            self._enter("over", over, speed=config.reach_speed)
-        elif phase == "over":
-            self._enter("down", self._at(self._home(where, 0.0)), least=config.test_time)
-        elif phase == "down":
-            m.hover = m.total / max(m.count, 1)
-            self._enter("close", self._at(self._home(where, 0.0), plan.pressed))
-        elif phase in ("close", "back"):
+        if m.phase in ("close", "back") or (m.phase in ("lift", "carry") and seen is not None):
             m.place_b = rotated(-yaw, where - position_w)
-            if seen is not None:
-                m.turn = wrap(heading_of(seen.quat_wo) - yaw)
-            self._enter("grip", self._shifted(0.0, plan.closed, m.force), least=config.grip_time)
-        elif phase == "grip":
-            self._enter("load", self._shifted(0.0, payload=m.mass), least=config.load_time)
-        elif phase == "load":
-            m.stood, m.height = float(where[2]), float(where[2] - position_w[2])
-            self._enter("test", self._shifted(config.test_height), least=2.0 * config.test_time)
-        elif phase == "test":
-            self._judge(float(where[2]) - m.stood, float(where[2] - position_w[2]) - m.height)
-        elif phase == "settle":
-            assert self.target is not None
-            self._enter("lift", self._shifted(self.target.height - config.test_height))
-        elif phase in ("lift", "carry"):
-            m.place_b = m.place_b if seen is None else rotated(-yaw, where - position_w)
             m.turn = m.turn if seen is None else wrap(heading_of(seen.quat_wo) - yaw)
-            m.height = 0.0
-            self._rest_at(m.end, "hold")
-        elif phase == "lower":
-            down = config.feel_height + config.search
-            self._enter("feel", self._shifted(-down))
-            m.seconds = down / config.feel_speed
-        elif phase == "feel" and m.found < config.touch_time:
-            self._rest_at(m.end, "hold")  # no floor
-        elif phase == "feel":
-            pose = np.append(position_w, m.end.pose_w[3])
-            pose[:2] = m.end.pose_w[:2]
-            self._rest_at(Setting(pose, m.end.form, m.end.force, m.end.payload), "hold")
-            m.placed = True
-        elif phase == "unload":
-            self._enter("let_go", self._shifted(config.slack, force=0.0), least=config.grip_time)
-        elif phase == "let_go":
-            self._enter("open", self._shifted(0.0, plan.open))
-        elif phase == "open":
-            self._enter("leave", self._shifted(config.above))
-        elif phase == "leave":
-            self._rest_at(m.end, "none")
+        after = {
+            "rise": self._after_rise, "over": self._after_over, "down": self._after_down, "close": self._grip_now,
+            "back": self._grip_now, "grip": self._load, "load": self._test, "test": self._judge, "settle": self._lift,
+            "lift": self._hold, "carry": self._hold, "lower": self._feel, "feel": self._after_feel,
+            "unload": self._let_go, "let_go": self._open, "open": self._climb, "leave": self._end,
+        }.get(m.phase)  # fmt: skip
+        if after is not None:
+            after(_View(position_w, where, seen))
 
-    def _judge(self, risen: float, sag: float) -> None:
-        """Decide after the test lift: lift, grip harder, carry more, or let go.
+    def _after_rise(self, view: "_View") -> None:
+        assert view.seen is not None
+        assert self.target is not None
+        end, target = self.memory.end.pose_w, self.target
+        self.plan = plan_contact(target.shape, target.half_size, view.seen.quat_wo, float(end[3]), self.robot)
+        x, y, z = self._home(view.where, self.config.above)
+        turned = float(end[3]) + wrap(self.plan.yaw - float(end[3]))
+        over = Setting(np.array([x, y, max(z, float(end[2])), turned]), self.plan.open)
+        self._enter("over", over, speed=self.config.reach_speed)
 
-        Args:
-            risen: Rise of the object [m].
-            sag: Rise of the object beyond that of the torso [m].
-        """
+    def _after_over(self, view: "_View") -> None:
+        self._enter("down", self._at(self._home(view.where, 0.0)), least=self.config.test_time)
+
+    def _after_down(self, view: "_View") -> None:
+        m, plan = self.memory, self.plan
+        assert plan is not None
+        m.hover = m.total / max(m.count, 1)
+        self._enter("close", self._at(self._home(view.where, 0.0), plan.pressed))
+
+    def _grip_now(self, view: "_View") -> None:
+        del view
+        assert self.plan is not None
+        pressed = self._shifted(0.0, self.plan.closed, self.memory.force)
+        self._enter("grip", pressed, least=self.config.grip_time)
+
+    def _load(self, view: "_View") -> None:
+        del view
+        self._enter("load", self._shifted(0.0, payload=self.memory.mass), least=self.config.load_time)
+
+    def _test(self, view: "_View") -> None:
         m, config = self.memory, self.config
+        m.stood, m.height = float(view.where[2]), float(view.where[2] - view.position_w[2])
+        self._enter("test", self._shifted(config.test_height), least=2.0 * config.test_time)
+
+    def _lift(self, view: "_View") -> None:
+        del view
+        assert self.target is not None
+        self._enter("lift", self._shifted(self.target.height - self.config.test_height))
+
+    def _hold(self, view: "_View") -> None:
+        del view
+        self.memory.height = 0.0
+        self._rest_at(self.memory.end, "hold")
+
+    def _feel(self, view: "_View") -> None:
+        del view
+        down = self.config.feel_height + self.config.search
+        self._enter("feel", self._shifted(-down))
+        self.memory.seconds = down / self.config.feel_speed
+
+    def _after_feel(self, view: "_View") -> None:
+        m = self.memory
+        end = m.end
+        if m.found >= self.config.touch_time:  # else there was no floor
+            m.placed = True
+            x, y, _, yaw = end.pose_w.tolist()
+            end = replace(end, pose_w=np.array([x, y, view.position_w[2], yaw]))
+        self._rest_at(end, "hold")
+
+    def _let_go(self, view: "_View") -> None:
+        del view
+        self._enter("let_go", self._shifted(self.config.slack, force=0.0), least=self.config.grip_time)
+
+    def _open(self, view: "_View") -> None:
+        del view
+        assert self.plan is not None
+        self._enter("open", self._shifted(0.0, self.plan.open))
+
+    def _climb(self, view: "_View") -> None:
+        del view
+        self._enter("leave", self._shifted(self.config.above))
+
+    def _end(self, view: "_View") -> None:
+        del view
+        self._rest_at(self.memory.end, "none")
+
+    def _judge(self, view: "_View") -> None:
+        """Decide after the test lift: lift, grip harder, carry more, or let go."""
+        m, config = self.memory, self.config
+        risen = float(view.where[2]) - m.stood
+        sag = float(view.where[2] - view.position_w[2]) - m.height
         carried = max(0.0, self.robot.total_mass * (m.total / max(m.count, 1) / max(m.hover, 1.0) - 1.0))
         slips, m.tests = sag < -config.slip, m.tests + 1
         if not slips and risen > 0.5 * config.test_height:

@@ -112,9 +112,7 @@ class Grasp:
         """Raise `InvalidValueError` for numbers out of range."""
         require_name("shape", self.shape, OBJECTS)
         if np.shape(self.half_size) != (3,) or not all(0.05 <= each <= 2.0 for each in np.asarray(self.half_size)):
-            raise InvalidValueError(
-                "half_size", np.asarray(self.half_size).tolist(), "three lengths within 0.05 … 2 m"
-            )
+            raise InvalidValueError("half_size", np.asarray(self.half_size).tolist(), "three lengths within 0.05 … 2 m")
         require_within(1.0, 1000.0, "N", most_force=self.most_force)
         require_within(0.0, 20.0, "kg", mass=self.mass)
         require_within(0.1, 10.0, "m", height=self.height)

@@ -1,4 +1,4 @@
-"""Manager of gaits and grasp: commands → phases, each executed by the flight controller or the crawler, with hand-overs.
+"""Manager of gaits and grasp: commands → phases, each executed by flight controller or crawler, with hand-overs.
 
 The robot takes off in its lying attitude and lands in the start pose of a crawl. Both use the allocation of flight: the
 floor carries a share of the weight (`Reference.support`), which fades in a take-off and grows in a landing. There is no

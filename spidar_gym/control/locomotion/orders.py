@@ -179,8 +179,10 @@ class Orders(ABC):
         self._replace(more)
 
     def _require_room(self, command: LocomotionCommand) -> None:
-        """Raise `InvalidValueError` for a flight too low above the take-off floor or too wide for its room, and for an
-        object that the legs cannot hold."""
+        """Raise `InvalidValueError` for what does not fit.
+
+        A flight may be too low above the take-off floor or too wide for its room, an object too wide for the legs.
+        """
         if isinstance(command, Grasp):
             require_holdable(command.shape, command.half_size, self.model.robot)
         if not isinstance(command, FlyTo):

@@ -285,7 +285,7 @@ typedef struct {
     double imu_position_b[3]; /* position of the inertial unit, which motion capture tracks [m] */
     double encoder_step[32]; /* one count of each encoder [rad] */
     int32_t object_type[4]; /* MuJoCo's geom type of each shape */
-    double patch[4][1536][7]; /* patches of an object with half sizes of 1 */
+    double patch[4][1536][7]; /* of objects with half sizes of 1 */
     double start[469]; /* MuJoCo's state after a reset */
 } sp_world;
 
@@ -339,8 +339,8 @@ typedef struct {
 typedef struct {
     double position_w[3]; /* origin [m] */
     double quat_wo[4]; /* attitude (w, x, y, z) */
-    double velocity_w[3], omega_o[3]; /* velocity of the origin, world [m/s]; angular velocity, object axes [rad/s] */
-    double foot_force_w[12]; /* force of each foot on the object in the last physics step, world [N] */
+    double velocity_w[3], omega_o[3]; /* of the origin, world [m/s]; angular velocity, object axes [rad/s] */
+    double foot_force_w[12]; /* force of each foot on it in the last physics step, world [N] */
     double floor_force_w[3]; /* force of floor and boxes on the object in it [N] */
     double air_force_w[3], air_torque_w[3]; /* force of the air and its torque about the origin [N], [Nm] */
     int32_t is_hit; /* whether parts other than feet have touched it since the reset */

@@ -625,7 +625,7 @@ typedef struct {
     int32_t has_form, along; /* whether `form` is valid; whether to turn towards the goal first */
     int32_t at_once; /* whether to turn during the present motion and to change the form in flight */
     double form[16]; /* joint angles during the flight [rad] */
-    double speed, height, floor; /* of the flight [m/s]; of take-off or lift [m]; expected height of the floor [m] */
+    double speed, height, floor; /* of the flight [m/s]; of take-off or lift [m]; of the expected floor [m] */
     int32_t shape, has_yaw; /* of the object, as in `OBJECTS`; whether `yaw` is valid */
     double yaw; /* heading of the object at the goal [rad] */
     double half_size[3]; /* of the object [m] */
