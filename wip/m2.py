@@ -60,9 +60,9 @@ def fly(
         return Seen(o.position_w + bias + noise * noise_rng.standard_normal(3), o.quat_wo)
 
     g = Grasper(config)
-    tgt = GraspTarget(obj.shape, obj.half_size, most)
+    tgt = Grasp(obj.shape, obj.half_size, most)
     com_b = lambda s: model.snapshot(s.joint_position, quat_to_matrix(s.quat_wb), s.vectoring)
-    g.begin(tgt, look(), np.append(start, yaw), q, 0.7)
+    g.begin(tgt, look(), np.append(start, yaw), q)
     t = 0
     stats = {}
     goal = np.array([way[0], way[1], z])
@@ -80,7 +80,7 @@ def fly(
         elif g.waits and stage == 1 and m.held:
             g.place(0.0)
             stage = 2
-        elif g.waits and stage == 2 and not m.held and m.phase == "hold":
+        elif g.waits and stage == 2 and m.placed and m.phase == "hold":
             g.release()
             stage = 3
         elif g.waits and m.phase == "none":

@@ -59,7 +59,7 @@ SIZES = {
 }  # fmt: skip
 """Integers by their names in C without `SP_`."""
 NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
-    ("GRIP_", grip, ("LEVER",)), ("CLAW_", claw, ("HIGH", "KNEE", "OPEN", "PRESS", "NARROWEST", "WIDEST")),
+    ("GRIP_", grip, ("LEVER", "LEAD_TIME")), ("CLAW_", claw, ("HIGH", "KNEE", "OPEN", "PRESS", "NARROWEST", "WIDEST")),
     ("GRASP_", phases, ("SAFE_GRIP", "QUINTIC_PEAK")),
     ("DISC_", interference, ("NEAREST", "FARTHEST")),
     ("", flight_controller, ("CONTROL_RATE",)),

@@ -153,6 +153,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("joint_velocity", "f8", (N_JOINTS,), "rate of q^d [rad/s]"),
         ("compensation", "compensation_memory", (), ""),
         ("motion", "motion_memory", (), ""),
+        ("joint_lead", "f8", (N_JOINTS,), "of the last setpoints before q^d, for servos that press [rad]"),
     )),
     CStruct("control_state", "Quantities that the controller computes from a state.", (
         ("R_wb", "f8", (9,), "attitude of the torso"),

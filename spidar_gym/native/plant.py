@@ -130,8 +130,12 @@ class Plant:
         """Control period [s]."""
         return self.config.substeps * TIMESTEP
 
-    def configure(self, config: PlantConfig) -> None:
-        """Change the configuration from the next reset on (`InvalidValueError` for another spec or kind of floor)."""
+    def configure(self, config: PlantConfig, *, goes_on: bool = False) -> None:
+        """Change the configuration from the next reset on, or with `goes_on` from the next tick on.
+
+        Raises:
+            InvalidValueError: For another robot, or a world of another kind.
+        """
         if config.robot != self._engine.robot:
             raise InvalidValueError("robot", f"{config.robot.total_mass:.4g} kg", "the robot given at construction")
         kinds = [(c.ground.uneven, c.ground.boxed, c.object.exists) for c in (config, self.config)]
@@ -140,7 +144,7 @@ class Plant:
         check_delay(config)
         configs = np.zeros(1, engine_layouts()["plant_config"])
         fill(configs[0], config)
-        self._engine.configure(configs)
+        self._engine.configure(configs, goes_on=goes_on)
         self._config = config
 
     def reset(

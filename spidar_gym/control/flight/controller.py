@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from spidar_gym.arrays import JointVector, Matrix3, Vectoring, Wrench
-from spidar_gym.control.allocation.allocator import Allocator, AllocatorConfig
+from spidar_gym.control.allocation.allocator import Allocation, Allocator, AllocatorConfig
 from spidar_gym.control.allocation.modes import find_allocation
 from spidar_gym.control.allocation.problem import Demand
 from spidar_gym.control.flight.centroidal import (
@@ -35,7 +35,7 @@ from spidar_gym.control.flight.compensation import (
 from spidar_gym.control.flight.memory import ControlState, FlightMemory, FlightRecord, fresh_memory
 from spidar_gym.control.flight.motion import MOTIONS, MotionMemory, fresh_motion, observe_motion, unbend, whole_motion
 from spidar_gym.control.flight.observation import FlightObservables, observe
-from spidar_gym.control.grasp.grip import Grip, grip_torque
+from spidar_gym.control.grasp.grip import LEAD_TIME, Grip, grip_torque
 from spidar_gym.control.readable import ReadableController
 from spidar_gym.control.rotors import ALL_FREE, flight_demand
 from spidar_gym.errors import InvalidValueError, require_name
@@ -223,9 +223,6 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         seen, control_state, motion = self._fed_back(state, reference, control_state)
         R_wb, snapshot = control_state.R_wb, control_state.snapshot
         target = reference.joint_target + residual.joint_offset
-        if grip is not None and grip.force > 0.0 and self.last_step is not None:
-            # The servos' share of the grip: their springs exert it when their setpoints lead.
-            target = target + self.last_step.allocation.joint_torques / self.model.robot.joint_kp
         joints, speed = self.compute_joints(target, residual.joint_speed_scale)
         wrench, integrals, compensation = self.compute_wrench(seen, reference, control_state, joints)
         wrench += residual.wrench
@@ -253,9 +250,28 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         unallocated = allocation.unallocated_wrench
         self.memory = FlightMemory(
             lock, bounds, vectoring, allocation.forces_l, integrals, joints, R_wb @ unallocated[:3], unallocated[3:],
-            speed, compensation, motion,
+            speed, compensation, motion, self._lead(grip, allocation),
         )  # fmt: skip
-        return Command(allocation.thrust, vectoring, joints, self._torque_limit)
+        return self._led(Command(allocation.thrust, vectoring, joints, self._torque_limit))
+
+    def _led(self, command: Command) -> Command:
+        """Return a command whose joint setpoints lead."""
+        lead = self.memory.joint_lead
+        return replace(command, joint_position=command.joint_position + lead) if lead.any() else command
+
+    def _lead(self, grip: Grip | None, allocation: Allocation) -> JointVector:
+        """Return by how much the joint setpoints lead q^d: the springs of the servos exert their share of a grip [rad].
+
+        The legs' momentum follows from q^d alone: feet that press do not move.
+        """
+        before, robot = self.memory.joint_lead, self.model.robot
+        if grip is None and not before.any():
+            return before
+        presses = grip is not None and grip.force > 0.0
+        wanted = allocation.joint_torques / robot.joint_kp if presses else np.zeros(N_JOINTS)
+        most = self.config.joint_speed * self.dt
+        step = (1.0 - math.exp(-self.dt / LEAD_TIME)) * (wanted - before)
+        return before + np.minimum(np.maximum(step, -most), most)
 
     def _fed_back(
         self, state: RobotState, reference: Reference, control_state: ControlState
@@ -370,7 +386,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         return memory, more
 
     def _hold(self) -> Command:
-        command = super()._hold()
+        command = self._led(super()._hold())
         if self.last_step is not None:
             self.last_step = replace(self.last_step, joint_velocity=np.zeros(N_JOINTS))
         return command

@@ -17,6 +17,9 @@ from spidar_gym.robot import GRAVITY, N_LEGS
 LEVER = 1.2
 """Longest horizontal lever of a payload from the torso's origin [m]: no leg reaches farther, and the weight of an
 object that was left behind must not tilt the robot."""
+LEAD_TIME = 0.3
+"""Time constant with which joint setpoints follow the torques of a grip [s]: a shorter one excites badly damped joints
+whose feet press."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -356,13 +356,33 @@ void sp_compute_state(const sp_robot *robot, const sp_robot_state *state, const 
 }
 
 /* Repeat the last command with status `held`. */
+static void command_of(const sp_flight *f, const double *thrust, sp_command *command)
+{
+    double joints[SP_JOINTS];
+    sp_copy(joints, f->memory.joint_position, SP_JOINTS);
+    for (int j = 0; j < SP_JOINTS; j++) /* not + 0.0, which would change −0.0 */
+        if (f->memory.joint_lead[j] != 0.0) joints[j] += f->memory.joint_lead[j];
+    sp_make_command(thrust, f->memory.vectoring, joints, f->config.joint_torque_limit, command);
+}
+
+/* Let the joint setpoints lead q^d, so that the springs of the servos exert their share of a grip. */
+static void lead_joints(const sp_robot *robot, sp_flight *f, const sp_grip *grip)
+{
+    double most = f->config.joint_speed * f->dt, share = 1.0 - exp(-f->dt / SP_GRIP_LEAD_TIME), *lead = f->memory.joint_lead;
+    int presses = grip != NULL && grip->force > 0.0;
+    for (int j = 0; j < SP_JOINTS; j++) {
+        double wanted = presses ? f->allocation.joint_torques[j] / robot->joint_kp : 0.0;
+        lead[j] += sp_clip(share * (wanted - lead[j]), -most, most);
+    }
+}
+
 static void hold_command(sp_flight *f, sp_command *command)
 {
     double thrust[SP_ROTORS];
     f->allocation.status = SP_HELD;
     sp_zero(f->joint_velocity, SP_JOINTS);
     for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_norm(f->memory.forces_l + 3 * i);
-    sp_make_command(thrust, f->memory.vectoring, f->memory.joint_position, f->config.joint_torque_limit, command);
+    command_of(f, thrust, command);
 }
 
 /* Write the allocation's demand: wrench, maps, and the rotors that are locked, restricted or lost. */
@@ -433,11 +453,7 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     const double *forces, lead = f->config.compensation.vectoring_lead;
     sp_lock lock;
     sp_interference bounds;
-    int presses = grip != NULL && grip->force > 0.0 && f->ticked; /* the servos' springs exert their share of the grip */
-    for (int j = 0; j < SP_JOINTS; j++) {
-        target[j] = reference->joint_target[j] + residual->joint_offset[j];
-        if (presses) target[j] += f->allocation.joint_torques[j] / robot->joint_kp;
-    }
+    for (int j = 0; j < SP_JOINTS; j++) target[j] = reference->joint_target[j] + residual->joint_offset[j];
     sp_plan_joints(robot, f, target, residual->joint_speed_scale, joints, speed);
     if (!(reference->support > 0.0)) integrate(m, &f->control.error, f->dt, f->config.centroidal.max_integration_speed);
     desired_wrench(robot, &f->control, seen.omega_b, m, &f->config.centroidal, f->wrench_desired);
@@ -475,7 +491,8 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     sp_apply(f->control.R_wb, f->allocation.unallocated_wrench, m->unallocated_w);
     sp_copy(m->unallocated_torque, f->allocation.unallocated_wrench + 3, 3);
     f->ticked = 1;
-    sp_make_command(f->allocation.thrust, m->vectoring, joints, f->config.joint_torque_limit, command);
+    lead_joints(robot, f, grip);
+    command_of(f, f->allocation.thrust, command);
 }
 
 /* Allocate a wrench in {CoG} to the rotors, for a custom controller. Call it once per control period, after

@@ -30,6 +30,7 @@
 #define SP_COURSE_AHEAD 3
 #define SP_CLOCK_TICKS 80
 #define SP_GRIP_LEVER 0x1.3333333333333p+0 /* 1.2, spidar_gym.control.grasp.grip.LEVER */
+#define SP_GRIP_LEAD_TIME 0x1.3333333333333p-2 /* 0.3, spidar_gym.control.grasp.grip.LEAD_TIME */
 #define SP_CLAW_HIGH -0x1.8f5c28f5c28f6p-1 /* -0.78, spidar_gym.control.grasp.claw.HIGH */
 #define SP_CLAW_KNEE 0x1.8000000000000p+0 /* 1.5, spidar_gym.control.grasp.claw.KNEE */
 #define SP_CLAW_OPEN 0x1.47ae147ae147bp-3 /* 0.16, spidar_gym.control.grasp.claw.OPEN */

@@ -516,6 +516,7 @@ typedef struct {
     double joint_velocity[16]; /* rate of q^d [rad/s] */
     sp_compensation_memory compensation;
     sp_motion_memory motion;
+    double joint_lead[16]; /* of the last setpoints before q^d, for servos that press [rad] */
 } sp_flight_memory;
 
 /* Quantities that the controller computes from a state. */
