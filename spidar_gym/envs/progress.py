@@ -197,3 +197,36 @@ class CourseProgress:
     def crawled_s(self) -> float:
         """Time of crawling [s]."""
         return self.crawled / CONTROL_RATE
+
+
+@dataclass(frozen=True)
+class GraspProgress:
+    """Progress of a grasp."""
+
+    controls: int
+    """Control periods since the start."""
+    initial_way: float
+    """Distance of the object to its place at the goal at the start, a radian counting 0.5 m [m]."""
+    arrived: float
+    """Time since which the object is delivered [s]; 0 if it is not."""
+    most_force: float
+    """Largest force of a foot, a mean over a tenth of a second [N]."""
+    most_lifted: float
+    """Largest height of the object over its stand at the start [m]."""
+    fall: float
+    """Largest speed at which it has fallen [m/s]."""
+    charge: float
+    """Share of the battery's usable energy that is left, 0 … 1."""
+    tries: int
+    """Number of times that the rule has begun to grasp."""
+
+    @classmethod
+    def read(cls, record: Any) -> "GraspProgress":  # noqa: ANN401 - a NumPy record
+        """Read the progress of a robot in the engine, an `sp_grasp_robot`."""
+        names = ("controls", "initial_way", "arrived", "most_force", "most_lifted", "fall", "charge")
+        return cls(**{name: record[name].item() for name in names}, tries=int(record["rule"]["tries"]))
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return self.controls / CONTROL_RATE

@@ -22,6 +22,8 @@ from spidar_gym.control.flight import centroidal, compensation, motion, observat
 from spidar_gym.control.flight import controller as flight_controller
 from spidar_gym.control.flight.motion import COMMANDS
 from spidar_gym.control.grasp import claw, grip, phases
+from spidar_gym.control.grasp import rule as grasp_rule
+from spidar_gym.control.grasp import scene as grasp_scene
 from spidar_gym.control.locomotion import commands as locomotion
 from spidar_gym.control.locomotion import manager, orders
 from spidar_gym.model import interference, rotor
@@ -54,13 +56,16 @@ SIZES = {
     "MAX_ACTION": MAX_ACTION, "HISTORY": HISTORY, "ANGLES": N_ANGLES, "BODIES": N_BODIES, "POSE_FRAMES": POSE_FRAMES,
     "IMU_SAMPLES": IMU_SAMPLES, "COMMANDS": COMMANDS, "MAX_ENTRIES": MAX_ENTRIES,
     "NETWORK_BLOCK": NETWORK_BLOCK, "MODE_COSTS": 4, "MODE_ROWS": 6, "PATH_AHEAD": path.AHEAD,
-    "MAX_WAYPOINTS": MAX_WAYPOINTS, "MANAGER_KNOTS": MANAGER_KNOTS,
+    "GRASP_TRIES": grasp_rule.TRIES, "STEER_SIZE": phases.STEER_SIZE, "MAX_WAYPOINTS": MAX_WAYPOINTS, "MANAGER_KNOTS": MANAGER_KNOTS,
     "COURSE_AHEAD": course_observation.AHEAD, "CLOCK_TICKS": crawl_observation.CLOCK_TICKS,
 }  # fmt: skip
 """Integers by their names in C without `SP_`."""
 NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("GRIP_", grip, ("LEVER", "LEAD_TIME")), ("CLAW_", claw, ("HIGH", "KNEE", "OPEN", "PRESS", "NARROWEST", "WIDEST")),
     ("GRASP_", phases, ("SAFE_GRIP", "QUINTIC_PEAK")),
+    ("GRASP_RULE_", grasp_rule, ("ABOVE_GOAL", "LIFT", "CARRY_SPEED", "DELIVERED", "FIRST_MASS")),
+    ("SCENE_", grasp_scene, ("STAND_MARGIN", "GRAVITY")),
+    ("", phases, ("STEER_SPEED", "STEER_TURN", "STEER_RADIUS")),
     ("DISC_", interference, ("NEAREST", "FARTHEST")),
     ("", flight_controller, ("CONTROL_RATE",)),
     ("", observation, ("NO_NEXT_FORM",)),

@@ -7,12 +7,14 @@ from types import ModuleType
 import numpy as np
 
 from spidar_gym.control.course import gates
+from spidar_gym.control.locomotion import commands as locomotion
 from spidar_gym.native.configurations import configuration_structs
 from spidar_gym.native.constants import MAX_ENTRIES, MAX_OBSERVATION, Enumeration
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.quantities import (
     CourseQuantities,
     CrawlQuantities,
+    GraspQuantities,
     HoverQuantities,
     Quantities,
     quantity_names,
@@ -63,7 +65,9 @@ MAX_FRAMES = 16
 """Largest number of delayed motion-capture frames: at 100 Hz more than the longest latency, 0.1 s, and four more."""
 DRAWN = ("equal", "independent", "narrow")
 """Sequences of forms that are sampled from ranges of angles."""
-MAX_QUANTITIES = max(len(quantity_names(kind)) for kind in (HoverQuantities, CrawlQuantities, CourseQuantities))
+MAX_QUANTITIES = max(
+    len(quantity_names(kind)) for kind in (HoverQuantities, CrawlQuantities, CourseQuantities, GraspQuantities)
+)
 """Largest number of quantities of a task."""
 ENGINE_SIZES = {
     "DUCTS": N_DUCTS, "ACTUATORS": N_ACTUATORS, "BALLS": N_BALLS, "STATIONS": N_STATIONS, "DOFS": N_DOFS,
@@ -412,6 +416,49 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
          ("phase", COUNT, (0, 255))),
         ("foot_contact", "b1", (N_LEGS,), "", FLAG),
         ("finished is_success", "b1", (), "", FLAG),
+    )),
+    quantity_struct("grasp_quantities", "Quantities of robots that grasp.", GraspQuantities),
+    CStruct("grasp_rules", "The task of grasping.", (
+        ("rules", "rules", (), ""),
+        ("manager", "manager_config", (), ""),
+        ("shapes", "f8", (len(locomotion.OBJECTS),), "share of each shape"),
+        ("half_width half_height mass friction most_force", "f8", (2,), "ranges [m], [m], [kg], 1, [N]"),
+        ("off_centre", "f8", (), "largest offset of the centre of mass along each axis, share of the half size"),
+        ("distance turn goal_distance goal_turn goal_yaw stand floor", "f8", (2,),
+         "ranges: start → object [m], [rad]; object → goal [m], [rad]; of its heading [rad]; of stands [m]"),
+        ("pressure bias noise turn_noise", "f8", (),
+         "of jets on faces; largest error and noise of the seen object [m], [m], [rad]"),
+        ("begin_height reserve", "f8", (), "of the torso at the start [m]; of the grip's limit over what is needed"),
+        ("placed turned upright at_rest clear_of high", "f8", (), "of a success [m], [rad], [rad], [m/s], [m], [m]"),
+        ("field ceiling", "f8", (), "largest distance from the start along x and y, and height [m]"),
+        ("is_order decide", "i4", (), "whether an action steers; ticks between its decisions"),
+    )),
+    CStruct("grasp_robot", "A robot that grasps: plant, controller and task.", (
+        ("plant", "plant", (), ""),
+        ("episode", "episode", (), ""),
+        ("manager", "manager", (), ""),
+        ("scene", "grasp_scene", (), ""),
+        ("rule", "rule_memory", (), ""),
+        ("is_given", "i4", (), "whether the scene is given, not sampled", FLAG),
+        ("seen", "seen", (), "the object as motion capture sees it, a tick ago"),
+        ("place_w", "f8", (3,), "where the object belongs at the goal [m]"),
+        ("stood initial_way", "f8", (), "height of the object at the start [m]; distance to the goal [m]"),
+        ("force", "f8", (N_LEGS,), "of the feet on the object, a mean over a tenth of a second [N]"),
+        ("most_force most_lifted fall tilt charge", "f8", (), "largest so far [N], [m], [m/s]; [rad]; of the battery"),
+        ("arrived", "f8", (), "time since which the object is delivered [s]; 0 if it is not"),
+        ("controls hit", "i4", (), "ticks; whether a forbidden part has touched", (COUNT, FLAG)),
+        ("phase grasp_phase", "i4", (), "sp_manager_phase; sp_grasp_phase", ("manager_phase", "grasp_phase")),
+    )),
+    CStruct("grasp_info", "`info` of a grasp.", (
+        ("info", "info", (), ""),
+        ("object_error", "f8", (3,), "goal − object, world [m]"),
+        ("object_force", "f8", (N_LEGS,), "of each foot on the object [N]"),
+        ("object_air", "f8", (3,), "force of the air on it, world [N]"),
+        ("way_m yaw_error_rad lifted_m time_s charge tilt_rad thrust_fraction grip_n payload_kg", "f8", (), ""),
+        ("force_n most_force_n", "f8", (), "largest mean force of a foot; of the episode [N]"),
+        ("phase_code grasp_phase_code tries", "i4", (), "sp_manager_phase; sp_grasp_phase; of the rule",
+         ("manager_phase", "grasp_phase", COUNT)),
+        ("lost refused finished is_success", "b1", (), "", FLAG),
     )),
     quantity_struct("course_quantities", "Quantities of robots on a course.", CourseQuantities),
     CStruct("course_rules", "The task of a course.", (

@@ -21,7 +21,10 @@ from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.motion import MOTIONS
 from spidar_gym.control.grasp.claw import Contact
 from spidar_gym.control.grasp.grip import Grip
+from spidar_gym.control.grasp.rule import RuleMemory
+from spidar_gym.control.grasp.scene import GraspScene
 from spidar_gym.control.grasp.phases import GRASP_PHASES, GraspConfig, GraspMemory, Seen, Setting
+from spidar_gym.control.locomotion.commands import OBJECTS
 from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.model.interference import Disc, InterferenceConfig, no_interference
 from spidar_gym.model.rotor import Lock, LockConfig
@@ -41,6 +44,7 @@ WORDS: dict[tuple[str, str], tuple[str, ...]] = {
     ("disturbances", "fault"): FAULTS,
     ("object_config", "shape"): SHAPES,
     ("grasp_memory", "phase"): GRASP_PHASES,
+    ("grasp_scene", "shape"): OBJECTS,
 }
 """Fields that are words in Python and numbers in C, with the valid words in order."""
 Bounds = tuple[int | float, int | float]
@@ -71,6 +75,7 @@ WHOLE: dict[tuple[str, str], Bounds] = {
     ("plant_config", "substeps"): COUNT,
     ("disturbances", "lost_rotor"): (0, N_ROTORS),
     ("grasp_memory", "tests"): COUNT,
+    ("rule_memory", "tries"): COUNT,
     ("grasp_memory", "count"): COUNT,
     ("grasp_config", "most_tests"): COUNT,
 }
@@ -110,7 +115,8 @@ def samples() -> list[Any]:
         Demand(np.zeros(6), *maps, q, mask, eight, mask, eight, eight),
         CentroidalConfig(), CompensationConfig(), AllocatorConfig(), InterferenceConfig(), LockConfig(),
         ControllerConfig(), GaitConfig(), CrawlerConfig(), EstimatorConfig(),
-        GraspConfig(), Seen(zero, quat), Setting(), GraspMemory(), Contact(q, q, q, 0.0, 0.0), ManagerConfig(),
+        GraspConfig(), Seen(zero, quat), Setting(), GraspMemory(), Contact(q, q, q, 0.0, 0.0), GraspScene(),
+        RuleMemory(), ManagerConfig(),
     ]  # fmt: skip
 
 

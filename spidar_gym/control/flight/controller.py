@@ -232,7 +232,10 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         demand, lock, bounds = self._demand(memory, snapshot, reference, state.vectoring, wrench, disc)
         if grip is not None:
             feet = self.model.stance(state.joint_position, R_wb, state.vectoring)[1]
-            torque = grip_torque(grip.foot_forces(feet, R_wb, state.position_w), feet.J)
+            forces_b = grip.foot_forces(feet, R_wb, state.position_w)
+            if residual.leg_forces_b is not None and grip.force > 0.0:
+                forces_b = forces_b + residual.leg_forces_b
+            torque = grip_torque(forces_b, feet.J)
             demand = replace(demand, gravity_torque=demand.gravity_torque + torque)
         allocation = self.allocator.allocate(demand, reference.mode, memory.forces_l)
         if residual.forces_l is not None and residual.forces_l.any():

@@ -12,19 +12,25 @@ import numpy as np
 
 from spidar_gym.arrays import JointVector, Quaternion, Vector3
 from spidar_gym.control.flight.path import ease, wrap
-from spidar_gym.control.grasp.claw import Contact, plan_contact
+from spidar_gym.control.grasp.claw import Contact, claw_form, claw_height, plan_contact
 from spidar_gym.control.grasp.grip import Grip
 from spidar_gym.control.locomotion.commands import Grasp
 from spidar_gym.errors import require_within
 from spidar_gym.robot import GRAVITY, N_LEGS, ROBOT, RobotSpec
 
 GRASP_PHASES = ("none", "rise", "over", "down", "close", "grip", "load", "test", "back", "settle", "lift", "hold",
-                "carry", "lower", "feel", "unload", "let_go", "open", "leave")  # fmt: skip
-"""Phases of a grasp, in the order of a mission; `none` before and after it."""
+                "carry", "lower", "feel", "unload", "let_go", "open", "leave", "steered")  # fmt: skip
+"""Phases of a grasp, in the order of a mission; `none` before and after it, `steered` while a policy leads it."""
 PRESSING = GRASP_PHASES[GRASP_PHASES.index("grip") : GRASP_PHASES.index("open")]
 """Phases in which the feet press, and the guard watches."""
 LEAVING = ("unload", "let_go", "open", "leave")
 """Phases that end a grasp."""
+STEER_SPEED, STEER_TURN = 0.4, 0.4
+"""Largest velocity along each axis [m/s] and rate of the heading [rad/s] of a steered robot."""
+STEER_RADIUS = 0.18, 0.62
+"""Least and largest distance of a steered robot's feet from its axis [m]."""
+STEER_SIZE = 6
+"""Entries of a steering action: velocity along the torso's heading, to the left, up; turn; opening; grip."""
 SAFE_GRIP = 33.0
 """Largest grip of a foot that legs and thrust make, by a cone program [N]."""
 QUINTIC_PEAK = 1.875
@@ -260,6 +266,29 @@ class Grasper:
         if m.phase in ("lift", "carry", "lower", "feel"):
             self._rest_at(self._now(self.config.load_time)[0], "hold")
 
+    def steer(self, target: Grasp, action: np.ndarray, pose_w: np.ndarray, form: JointVector, seconds: float) -> None:
+        """Move as a policy steers.
+
+        Args:
+            target: The object.
+            action: Entries in [−1, 1], shape (6,): velocities forwards, to the left, up, turn, opening, grip.
+            pose_w: Reference of the torso before the first call (4,) [m], [rad].
+            form: Joint setpoints before it [rad].
+            seconds: Time until the next call [s].
+        """
+        m = self.memory
+        now = self._now()[0] if m.phase == "steered" else Setting(pose_w.copy(), form.copy())
+        ahead, left, up, turn, opening, grip = (min(1.0, max(-1.0, each)) for each in action.tolist())
+        yaw = float(now.pose_w[3])
+        way = seconds * STEER_SPEED * rotated(yaw, np.array([ahead, left, up]))
+        pose = now.pose_w + np.append(way, seconds * STEER_TURN * turn)
+        least, most = STEER_RADIUS
+        radius = least + 0.5 * (opening + 1.0) * (most - least)
+        form = claw_form(radius, claw_height(radius, self.robot), self.robot)
+        self.target = target
+        end = Setting(pose, form, 0.5 * (grip + 1.0) * SAFE_GRIP)
+        m.phase, m.time, m.seconds, m.begin, m.end = "steered", 0.0, seconds, now, end
+
     def abandon(self) -> None:
         """Open the legs and leave an object that is not held yet."""
         assert self.plan is not None
@@ -328,7 +357,7 @@ class Grasper:
         if m.seconds <= 0.0:
             return b, np.zeros(4)
         u = min(1.0, m.time / m.seconds)
-        if m.phase == "feel":  # at a constant speed
+        if m.phase in ("feel", "steered"):  # at a constant speed
             share, speed = u, 1.0 / m.seconds if m.time < m.seconds else 0.0
         else:
             share, speed = ease(u), 30.0 * u * u * (1.0 - u) * (1.0 - u) / m.seconds

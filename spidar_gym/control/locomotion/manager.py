@@ -94,6 +94,8 @@ class Manager(Orders):
         self.grasper = Grasper(self.config.grasp, self.model.robot, self.config.flight.joint_speed)
         self.dt = self.flight.dt
         self.memory = ManagerMemory()
+        self.grip = Grip(np.zeros(3), 0.0, 0.0)
+        """Grip of the last tick."""
         self.commands: list[LocomotionCommand] = []
         """Pending commands, the present one first."""
         self.path: Path | None = None
@@ -110,6 +112,25 @@ class Manager(Orders):
         self.commands, self.path = [], None
         self.grasper.reset()
         self.command(commands)
+
+    def begin_in_air(self, state: RobotState) -> None:
+        """Hover where the robot is; call it after a reset."""
+        R_wb, memory = quat_to_matrix(state.quat_wb), self.memory
+        memory.yaw, memory.form = math.atan2(R_wb[1, 0], R_wb[0, 0]), state.joint_position.copy()
+        memory.floor = self._lying_height
+        pose = np.append(self._com(state), memory.yaw)
+        self.path = Path(np.zeros(1), pose[None], np.zeros((1, 4)), np.zeros((1, 4)))
+        self._enter("hover")
+
+    def steer(self, target: Grasp, action: np.ndarray, state: RobotState, seconds: float) -> None:
+        """Let a policy lead torso, legs and grip, as `Grasper.steer`; in the air."""
+        pose = np.zeros(4)
+        if self.memory.phase != "grasp":
+            assert self.path is not None
+            pose = self.path.pose_w[-1].copy()
+            pose[:3] -= quat_to_matrix(heading(float(pose[3]))) @ self._com_b(state)
+            self._enter("grasp")
+        self.grasper.steer(target, action, pose, self.flight.memory.joint_position, seconds)
 
     def _append(self, commands: tuple[LocomotionCommand, ...]) -> None:
         self.commands += commands
@@ -193,8 +214,8 @@ class Manager(Orders):
         elif memory.phase == "cut":
             command = replace(self._last(), thrust=np.zeros(N_ROTORS))
         elif memory.phase == "grasp":
-            reference, grip = self._grip(state)
-            command = self.flight.step(state, reference, residual, grip=grip)
+            reference, self.grip = self._grip(state)
+            command = self.flight.step(state, reference, residual, grip=self.grip)
         else:
             command = self._limited(self.flight.step(state, self.reference(state), residual))
         memory.thrust = float(command.thrust.sum())

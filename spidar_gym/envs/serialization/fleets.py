@@ -23,7 +23,7 @@ _WORDS = "environment", "robot", "task", "version", "set of options"
 """Entries of the head that are strings."""
 _CONTROLLERS = {
     "hover": ("flight", "controller", "controller_config"), "crawl": ("crawl", "controller", "crawler_config"),
-    "course": ("manager", "manager", "manager_config"),
+    "course": ("manager", "manager", "manager_config"), "grasp": ("manager", "manager", "manager_config"),
 }  # fmt: skip
 """Member of a robot with its controller, member of the rules with the configuration, and the latter's struct."""
 CHECKSUM = hashlib.sha256().digest_size

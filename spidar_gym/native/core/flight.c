@@ -387,7 +387,7 @@ static void hold_command(sp_flight *f, sp_command *command)
 
 /* Write the allocation's demand: wrench, maps, and the rotors that are locked, restricted or lost. */
 static void flight_demand(const sp_robot *robot, sp_flight *f, const sp_robot_state *state, const sp_reference *reference,
-                          const sp_grip *grip, sp_lock *lock, sp_interference *bounds)
+                          const sp_grip *grip, const sp_residual *residual, sp_lock *lock, sp_interference *bounds)
 {
     const sp_snapshot *s = &f->control.snapshot;
     const sp_flight_memory *m = &f->memory;
@@ -423,7 +423,7 @@ static void flight_demand(const sp_robot *robot, sp_flight *f, const sp_robot_st
     sp_thrust_map(s, d->thrust_map, SP_FORCES);
     sp_torque_map(s, d->torque_map, SP_FORCES);
     sp_copy(d->gravity_torque, s->gravity_torque, SP_JOINTS);
-    if (grip != NULL) sp_grip_torque(robot, grip, s, f->control.R_wb, state->position_w, d->gravity_torque);
+    if (grip != NULL) sp_grip_torque(robot, grip, s, f->control.R_wb, state->position_w, residual, d->gravity_torque);
     for (int leg = 0; leg < SP_LEGS; leg++) d->lifted[leg] = 1;
     sp_zero(d->com_b, 3);
     sp_identity(d->R_bf);
@@ -460,7 +460,7 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     sp_compensate(robot, f, &seen, reference, joints, f->wrench_desired);
     for (int k = 0; k < 6; k++) f->wrench_desired[k] += residual->wrench[k];
     if (grip != NULL) sp_grip_carried(robot, grip, &f->control.snapshot, f->control.R_wb, state->position_w, f->wrench_desired);
-    flight_demand(robot, f, state, reference, grip, &lock, &bounds);
+    flight_demand(robot, f, state, reference, grip, residual, &lock, &bounds);
     sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, &f->config.allocator, room, &f->allocation);
     if (residual->has_forces_l) {
         double wish[SP_FORCES], any = 0.0;
@@ -515,7 +515,7 @@ void sp_flight_allocate(sp_flight *f, const sp_robot_state *state, const sp_refe
     sp_from_quat(state->quat_wb, f->control.R_wb);
     sp_snapshot_at(room->robot, state->joint_position, f->control.R_wb, state->vectoring, &f->control.snapshot);
     sp_copy(f->wrench_desired, wrench, 6);
-    flight_demand(room->robot, f, state, reference, NULL, &lock, &bounds);
+    flight_demand(room->robot, f, state, reference, NULL, &SP_NO_RESIDUAL, &lock, &bounds);
     sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, &f->config.allocator, room, &f->allocation);
     sp_follow(f->allocation.forces_l, &lock, m->vectoring, room->robot->max_vectoring_speed * f->dt, m->vectoring);
     m->lock = lock;

@@ -29,6 +29,12 @@ static int claw_form(const sp_robot *r, double radius, double height, double *q)
     return fabs(bend) <= 1.0 && sp_max(fabs(pitch), knee) <= r->joint_limit;
 }
 
+void sp_open_claw(const sp_robot *robot, double half_width, double *form)
+{
+    double foot = half_width + robot->foot_radius;
+    claw_form(robot, foot + SP_CLAW_OPEN, claw_height(robot, foot - SP_CLAW_PRESS), form);
+}
+
 const char *sp_refuse_object(const sp_robot *robot, const sp_waypoint *o)
 {
     double a = o->half_size[0], foot = a + robot->foot_radius, form[SP_JOINTS];
@@ -129,7 +135,7 @@ static sp_setting present(const sp_grasp_memory *m, double fade, double *rate)
     sp_zero(rate, 4);
     if (m->seconds <= 0.0) return now;
     double u = sp_min(1.0, m->time / m->seconds), share = u, speed;
-    if (m->phase == SP_GRASP_FEEL) {
+    if (m->phase == SP_GRASP_FEEL || m->phase == SP_GRASP_STEERED) {
         speed = m->time < m->seconds ? 1.0 / m->seconds : 0.0;
     } else {
         share = sp_ease(u);
@@ -201,7 +207,10 @@ int sp_grasp_presses(const sp_grasper *g)
     return g->memory.phase >= SP_GRASP_GRIP && g->memory.phase < SP_GRASP_OPEN;
 }
 
-int sp_grasp_leaves(const sp_grasper *g) { return g->memory.phase >= SP_GRASP_UNLOAD; }
+int sp_grasp_leaves(const sp_grasper *g)
+{
+    return g->memory.phase >= SP_GRASP_UNLOAD && g->memory.phase <= SP_GRASP_LEAVE;
+}
 
 int sp_grasp_waits(const sp_grasper *g)
 {
@@ -214,6 +223,71 @@ void sp_grasp_abandon(sp_grasper *g)
     if (sp_grasp_presses(g) || sp_grasp_leaves(g) || g->memory.phase == SP_GRASP_NONE) return;
     g->memory.end = with_payload(with_force(present(&g->memory, g->config.load_time, rate), 0.0), 0.0);
     enter(g, SP_GRASP_LEAVE, with_form(shifted(g, g->config.above), g->plan.open), 0.0, 0.0);
+}
+
+void sp_grasp_steer(const sp_robot *robot, sp_grasper *g, const sp_waypoint *target, const double *action,
+                    const double *pose_w, const double *form, double seconds)
+{
+    sp_grasp_memory *m = &g->memory;
+    double a[SP_STEER_SIZE], rate[4], way[3];
+    sp_setting now = m->end, end;
+    if (m->phase == SP_GRASP_STEERED) {
+        now = present(m, 0.0, rate);
+    } else {
+        memset(&now, 0, sizeof now);
+        sp_copy(now.pose_w, pose_w, 4);
+        sp_copy(now.form, form, SP_JOINTS);
+    }
+    for (int k = 0; k < SP_STEER_SIZE; k++) a[k] = sp_clip(action[k], -1.0, 1.0);
+    turned(now.pose_w[3], a, way);
+    end = now;
+    for (int i = 0; i < 3; i++) end.pose_w[i] += seconds * SP_STEER_SPEED * way[i];
+    end.pose_w[3] += seconds * SP_STEER_TURN * a[3];
+    double radius = SP_STEER_RADIUS[0] + 0.5 * (a[4] + 1.0) * (SP_STEER_RADIUS[1] - SP_STEER_RADIUS[0]);
+    claw_form(robot, radius, claw_height(robot, radius), end.form);
+    end.force = 0.5 * (a[5] + 1.0) * SP_GRASP_SAFE_GRIP;
+    end.payload = 0.0;
+    g->target = *target;
+    m->phase = SP_GRASP_STEERED;
+    m->time = 0.0;
+    m->seconds = seconds;
+    m->begin = now;
+    m->end = end;
+}
+
+/* ---- the rule ---- */
+
+int sp_grasp_rule(const sp_grasp_scene *scene, const sp_seen *seen, int idle, sp_rule_memory *memory, sp_waypoint *orders)
+{
+    double dx = seen->position_w[0] - scene->goal.x, dy = seen->position_w[1] - scene->goal.y;
+    if (!idle || memory->tries >= SP_GRASP_TRIES) return 0;
+    if (memory->tries > 0 && length(dx, dy) < SP_GRASP_RULE_DELIVERED) return 0;
+    memory->tries++;
+    memset(orders, 0, 4 * sizeof *orders);
+    sp_grasp_order(scene, memory->mass, &orders[0]);
+    orders[1].kind = SP_LOCOMOTION_CARRY_TO;
+    orders[1].position_w[0] = scene->goal.x;
+    orders[1].position_w[1] = scene->goal.y;
+    orders[1].position_w[2] = scene->floor + top_of(&orders[0]) + SP_GRASP_RULE_ABOVE_GOAL;
+    orders[1].has_yaw = 1;
+    orders[1].yaw = scene->goal.yaw;
+    orders[1].speed = SP_GRASP_RULE_CARRY_SPEED;
+    orders[2].kind = SP_LOCOMOTION_PLACE;
+    orders[2].floor = scene->floor;
+    orders[3].kind = SP_LOCOMOTION_RELEASE;
+    return 4;
+}
+
+/* The order to grasp the object of a scene. */
+void sp_grasp_order(const sp_grasp_scene *scene, double mass, sp_waypoint *order)
+{
+    memset(order, 0, sizeof *order);
+    order->kind = SP_LOCOMOTION_GRASP;
+    order->shape = scene->shape;
+    sp_copy(order->half_size, scene->half_size, 3);
+    order->most_force = scene->most_force;
+    order->mass = mass;
+    order->height = SP_GRASP_RULE_LIFT;
 }
 
 /* ---- a tick ---- */

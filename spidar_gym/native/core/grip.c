@@ -20,7 +20,7 @@ static double flatten(const double *up, double *v)
 
 /* Add the torque of the joints that presses the feet on the object, Σ J_kᵀ F_k. */
 void sp_grip_torque(const sp_robot *robot, const sp_grip *g, const sp_snapshot *s, const double *R_wb,
-                    const double *position_w, double *torque)
+                    const double *position_w, const sp_residual *residual, double *torque)
 {
     const double *up = R_wb + 6;
     double centre[3], lift = g->payload * robot->gravity / SP_LEGS;
@@ -30,6 +30,8 @@ void sp_grip_torque(const sp_robot *robot, const sp_grip *g, const sp_snapshot *
         for (int i = 0; i < 3; i++) inwards[i] = centre[i] - s->feet_b[leg][i];
         double length = sp_max(flatten(up, inwards), 1e-6);
         for (int i = 0; i < 3; i++) F[i] = g->force * inwards[i] / length + lift * up[i];
+        if (residual->has_leg_forces_b && g->force > 0.0)
+            for (int i = 0; i < 3; i++) F[i] += residual->leg_forces_b[3 * leg + i];
         for (int j = 4 * leg; j < 4 * leg + 4; j++)
             for (int i = 0; i < 3; i++) torque[j] += s->J_foot[leg][SP_JOINTS * i + j] * F[i];
     }

@@ -244,6 +244,34 @@ static void grasp(const sp_robot *robot, sp_manager *m, const sp_robot_state *st
     }
 }
 
+void sp_manager_begin_in_air(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
+{
+    sp_knot *here = m->knots;
+    double R[9];
+    memset(here, 0, sizeof *here);
+    com_of(robot, m, state, here->pose_w);
+    sp_from_quat(state->quat_wb, R);
+    here->pose_w[3] = m->memory.yaw = atan2(R[3], R[0]);
+    m->knot_count = 1;
+    sp_copy(m->memory.form, state->joint_position, SP_JOINTS);
+    m->memory.floor = m->lying_height;
+    enter(m, SP_MANAGER_HOVER);
+}
+
+/* Let a policy lead the torso, the legs and the grip. */
+void sp_manager_steer(const sp_robot *robot, sp_manager *m, const sp_robot_state *state, const sp_waypoint *target,
+                      const double *action, double seconds)
+{
+    double pose[4] = {0.0}, offset[3];
+    if (m->memory.phase != SP_MANAGER_GRASP) {
+        sp_copy(pose, m->knots[m->knot_count - 1].pose_w, 4);
+        com_at(robot, m, state, pose[3], offset);
+        for (int i = 0; i < 3; i++) pose[i] -= offset[i];
+        enter(m, SP_MANAGER_GRASP);
+    }
+    sp_grasp_steer(robot, &m->grasper, target, action, pose, m->flight.memory.joint_position, seconds);
+}
+
 /* Put a command that is being executed before the others. */
 static void put_first(sp_manager *m, int32_t kind)
 {

@@ -54,13 +54,14 @@ void sp_find_interference(const sp_snapshot *snapshot, const double *nominal, co
 
 /* grip.c */
 void sp_grip_torque(const sp_robot *robot, const sp_grip *grip, const sp_snapshot *snapshot, const double *R_wb,
-                    const double *position_w, double *torque);
+                    const double *position_w, const sp_residual *residual, double *torque);
 void sp_grip_carried(const sp_robot *robot, const sp_grip *grip, const sp_snapshot *snapshot, const double *R_wb,
                      const double *position_w, double *wrench);
 void sp_grip_disc(const sp_grip *grip, const sp_snapshot *snapshot, const double *R_wb, const double *position_w,
                   sp_disc *disc);
 
 /* grasp.c */
+void sp_open_claw(const sp_robot *robot, double half_width, double *form); /* form around an object */
 const char *sp_refuse_object(const sp_robot *robot, const sp_waypoint *order); /* NULL: the claw can hold it */
 void sp_grasp_begin(const sp_robot *robot, sp_grasper *grasper, const sp_waypoint *target, const sp_seen *seen,
                     const double *pose_w, const double *form);
@@ -69,6 +70,11 @@ void sp_grasp_place(sp_grasper *grasper, double floor_w);
 void sp_grasp_release(sp_grasper *grasper);
 void sp_grasp_stop(sp_grasper *grasper);
 void sp_grasp_abandon(sp_grasper *grasper);
+void sp_grasp_steer(const sp_robot *robot, sp_grasper *grasper, const sp_waypoint *target, const double *action,
+                    const double *pose_w, const double *form, double seconds);
+void sp_grasp_order(const sp_grasp_scene *scene, double mass, sp_waypoint *order);
+int sp_grasp_rule(const sp_grasp_scene *scene, const sp_seen *seen, int idle, sp_rule_memory *memory,
+                  sp_waypoint *orders); /* number of orders, 0 or 4 */
 int sp_grasp_presses(const sp_grasper *grasper);
 int sp_grasp_leaves(const sp_grasper *grasper);
 int sp_grasp_waits(const sp_grasper *grasper);
@@ -159,6 +165,9 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
 /* manager.c: both gaits */
 void sp_manager_init(const sp_robot *robot, sp_manager *manager, const sp_manager_config *config);
 void sp_manager_reset(const sp_robot *robot, sp_manager *manager, const sp_robot_state *state);
+void sp_manager_begin_in_air(const sp_robot *robot, sp_manager *manager, const sp_robot_state *state); /* after a reset */
+void sp_manager_steer(const sp_robot *robot, sp_manager *manager, const sp_robot_state *state, const sp_waypoint *target,
+                      const double *action, double seconds);
 int32_t sp_manager_situation(const sp_manager *manager); /* sp_situation */
 int sp_manager_airborne(const sp_manager *manager);
 int sp_manager_done(const sp_manager *manager);
@@ -192,6 +201,9 @@ int sp_observe(const sp_flight *flight, const sp_robot_state *state, const sp_co
 int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const double *goal, const double *thrust,
                      const double *previous_action, int action_size, int ticks, const double *bound,
                      float *observation);
+int sp_observe_grasp(const sp_robot *robot, const sp_manager *manager, const sp_grasp_scene *scene, const sp_seen *seen,
+                     const sp_robot_state *state, const sp_command *last, double charge, double time_left,
+                     const double *previous_action, int action_size, const double *bound, float *observation);
 int sp_observe_course(const sp_robot *robot, const sp_manager *manager, const sp_pilot *pilot, const sp_course *course,
                       const sp_robot_state *state, const sp_command *last, double charge, double time_left,
                       const double *previous_action, int action_size, const double *bound, float *observation);

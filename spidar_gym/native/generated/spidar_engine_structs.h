@@ -417,7 +417,7 @@ typedef struct {
     double strength; /* of the randomisation, 0 … 1 */
     int32_t kinds, kind; /* number of kinds of robots, 0 for one; the given kind, −1 for a sampled one */
     int64_t horizon, hold; /* steps of an episode, after which success is evaluated; ticks of a step */
-    double stop[19]; /* limits of the quantities, above which a step of several ticks ends */
+    double stop[27]; /* limits of the quantities, above which a step of several ticks ends */
     int32_t truncates, autoreset; /* whether the episode ends at the horizon; sp_autoreset */
     int32_t is_commanded, is_referred; /* whether commands come from Python; whether references do */
     int32_t is_advised; /* whether the controller computes its advice where actions bypass it */
@@ -620,6 +620,77 @@ typedef struct {
     uint8_t foot_contact[4];
     uint8_t finished, is_success;
 } sp_crawl_info;
+
+/* Quantities of robots that grasp. */
+typedef struct {
+    sp_quantities common;
+    double reach; /* Distance of the torso from its place for the grip [m]. */
+    double gap; /* Mean horizontal distance of the feet from the object's sides [m]. */
+    double clear; /* Least distance of a foot from the object's sides or top [m]. */
+    double touching; /* Number of feet that touch the object. */
+    double lifted; /* Height of the object over its stand at the start [m]. */
+    double most_lifted; /* Largest such height of the episode [m]. */
+    double way; /* Distance of the object from its place at the goal; a radian of heading counts as 0.5 m [m]. */
+    double initial_way; /* That distance at the start [m]. */
+    double position_error; /* Distance of the object from its place at the goal [m]. */
+    double yaw_error; /* Absolute error of its heading, up to turns after which it looks the same [rad]. */
+    double object_tilt; /* Angle between its axis and the vertical [rad]. */
+    double object_speed; /* Speed of its middle [m/s]. */
+    double fall; /* Largest speed at which the object has fallen in this episode [m/s]. */
+    double force; /* Largest force of a foot on the object, a mean over a tenth of a second [N]. */
+    double pressed; /* Largest such force of the episode over the one that the object bears. */
+    double is_hit; /* 1 where a part other than a foot has touched the object, or one other than feet and pegs anything. */
+    double tilt; /* Angle between the torso's z axis and the vertical [rad]. */
+    double charge; /* Remaining share of the battery's usable energy, 0 … 1. */
+    double is_cut; /* 1 where the rotors have been cut in the air. */
+    double is_outside; /* 1 where the robot has left the field. */
+    double is_empty; /* 1 where the battery's usable energy is used up. */
+} sp_grasp_quantities;
+
+/* The task of grasping. */
+typedef struct {
+    sp_rules rules;
+    sp_manager_config manager;
+    double shapes[3]; /* share of each shape */
+    double half_width[2], half_height[2], mass[2], friction[2], most_force[2]; /* ranges [m], [m], [kg], 1, [N] */
+    double off_centre; /* largest offset of the centre of mass along each axis, share of the half size */
+    double distance[2], turn[2], goal_distance[2], goal_turn[2], goal_yaw[2], stand[2], floor[2]; /* ranges: start → object [m], [rad]; object → goal [m], [rad]; of its heading [rad]; of stands [m] */
+    double pressure, bias, noise, turn_noise; /* of jets on faces; largest error and noise of the seen object [m], [m], [rad] */
+    double begin_height, reserve; /* of the torso at the start [m]; of the grip's limit over what is needed */
+    double placed, turned, upright, at_rest, clear_of, high; /* of a success [m], [rad], [rad], [m/s], [m], [m] */
+    double field, ceiling; /* largest distance from the start along x and y, and height [m] */
+    int32_t is_order, decide; /* whether an action steers; ticks between its decisions */
+} sp_grasp_rules;
+
+/* A robot that grasps: plant, controller and task. */
+typedef struct {
+    sp_plant plant;
+    sp_episode episode;
+    sp_manager manager;
+    sp_grasp_scene scene;
+    sp_rule_memory rule;
+    int32_t is_given; /* whether the scene is given, not sampled */
+    sp_seen seen; /* the object as motion capture sees it, a tick ago */
+    double place_w[3]; /* where the object belongs at the goal [m] */
+    double stood, initial_way; /* height of the object at the start [m]; distance to the goal [m] */
+    double force[4]; /* of the feet on the object, a mean over a tenth of a second [N] */
+    double most_force, most_lifted, fall, tilt, charge; /* largest so far [N], [m], [m/s]; [rad]; of the battery */
+    double arrived; /* time since which the object is delivered [s]; 0 if it is not */
+    int32_t controls, hit; /* ticks; whether a forbidden part has touched */
+    int32_t phase, grasp_phase; /* sp_manager_phase; sp_grasp_phase */
+} sp_grasp_robot;
+
+/* `info` of a grasp. */
+typedef struct {
+    sp_info info;
+    double object_error[3]; /* goal − object, world [m] */
+    double object_force[4]; /* of each foot on the object [N] */
+    double object_air[3]; /* force of the air on it, world [N] */
+    double way_m, yaw_error_rad, lifted_m, time_s, charge, tilt_rad, thrust_fraction, grip_n, payload_kg;
+    double force_n, most_force_n; /* largest mean force of a foot; of the episode [N] */
+    int32_t phase_code, grasp_phase_code, tries; /* sp_manager_phase; sp_grasp_phase; of the rule */
+    uint8_t lost, refused, finished, is_success;
+} sp_grasp_info;
 
 /* Quantities of robots on a course. */
 typedef struct {

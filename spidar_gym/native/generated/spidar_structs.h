@@ -347,6 +347,27 @@ typedef struct {
     double yaw; /* Heading of the torso [rad]. */
 } sp_contact;
 
+/* An object, its stand, and its goal. */
+typedef struct {
+    int32_t shape; /* `box`, `cylinder` or `ball`. */
+    double half_size[3]; /* Half of length, width, height; of cylinder and ball the first is the radius, of a cylinder the last one half the height [m]. */
+    double mass; /* Mass [kg], hidden. */
+    double com[3]; /* Its centre of mass from its middle [m], hidden. */
+    double friction; /* Sliding friction of its surface, hidden. */
+    double most_force; /* Largest force that a foot may press it with [N], known. */
+    sp_pose2 start; /* Where it stands: its middle, and its heading. */
+    double stand; /* Height of the stand below it there [m]; 0 is the floor. */
+    sp_pose2 goal; /* Where it is to stand. */
+    double floor; /* Height of the stand there [m]; 0 is the floor. */
+    double bias[3]; /* Error of the object's position as motion capture sees it [m], hidden. */
+} sp_grasp_scene;
+
+/* State of the rule between decisions. */
+typedef struct {
+    int32_t tries; /* Number of times that it has ordered a grasp. */
+    double mass; /* Mass that the last test lift measured, or that is assumed [kg]. */
+} sp_rule_memory;
+
 /* Configuration of the manager: controllers of both gaits, take-off and landing, grasps. */
 typedef struct {
     sp_controller_config flight; /* Configuration of the flight controller. */
