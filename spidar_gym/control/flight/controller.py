@@ -231,7 +231,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         disc = None if grip is None else grip.disc(snapshot, R_wb, state.position_w)
         demand, lock, bounds = self._demand(memory, snapshot, reference, state.vectoring, wrench, disc)
         if grip is not None:
-            feet = self.model.stance(state.joint_position, R_wb, state.vectoring)[1]
+            feet = self.model.stance(seen.joint_position, R_wb, seen.vectoring)[1]
             forces_b = grip.foot_forces(feet, R_wb, state.position_w)
             if residual.leg_forces_b is not None and grip.force > 0.0:
                 forces_b = forces_b + residual.leg_forces_b
