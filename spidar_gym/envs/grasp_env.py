@@ -43,9 +43,9 @@ class GraspEnv(SpidarEnv[GraspTask, CoreManager, GraspProgress]):
     words = MappingProxyType({"phase": PHASES, "grasp_phase": GRASP_PHASES})
     no_goal = "its goal is a part of the scene, which is observed"
     true_fields = (
-        Field("mass", 1, 20.0, "kg", "of the object"),
-        Field("friction", 1, 10.0, "", "of its surface"),
-        Field("com", 3, 1.0, "m", "its centre of mass from its middle"),
+        Field("object_mass", 1, 20.0, "kg", "of the object"),
+        Field("object_friction", 1, 10.0, "", "of its surface"),
+        Field("object_com", 3, 1.0, "m", "its centre of mass from its middle"),
         Field("object_force", 4, 100.0, "N", "of each foot on it"),
         Field("object_air", 3, 200.0, "N", "force of the air on it, world"),
     )

@@ -32,9 +32,7 @@ class OnlyOfOne(tuple[WrapperSpec, ...]):
         return 0
 
 
-HOVER, PATH, CRAWL, COURSE, GRASP = (
-    f"spidar_gym/{name}-v0" for name in ("Hover", "Path", "Crawl", "Course", "Grasp")
-)
+HOVER, PATH, CRAWL, COURSE, GRASP = (f"spidar_gym/{name}-v0" for name in ("Hover", "Path", "Crawl", "Course", "Grasp"))
 
 
 @dataclass(frozen=True)

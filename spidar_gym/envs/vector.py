@@ -13,9 +13,9 @@ from gymnasium.vector.utils import batch_space
 
 from spidar_gym.envs import vector_options
 from spidar_gym.envs.course_env import CourseEnv
-from spidar_gym.envs.grasp_env import GraspEnv
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.grasp_env import GraspEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.info import Draws, arrays_of, info_of, words_of
 from spidar_gym.envs.locking import in_turn, whole

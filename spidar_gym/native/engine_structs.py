@@ -454,6 +454,8 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("object_error", "f8", (3,), "goal − object, world [m]"),
         ("object_force", "f8", (N_LEGS,), "of each foot on the object [N]"),
         ("object_air", "f8", (3,), "force of the air on it, world [N]"),
+        ("object_com", "f8", (3,), "its centre of mass from its middle [m]"),
+        ("object_mass object_friction", "f8", (), "[kg], 1"),
         ("way_m yaw_error_rad lifted_m time_s charge tilt_rad thrust_fraction grip_n payload_kg", "f8", (), ""),
         ("force_n most_force_n", "f8", (), "largest mean force of a foot; of the episode [N]"),
         ("phase_code grasp_phase_code tries", "i4", (), "sp_manager_phase; sp_grasp_phase; of the rule",

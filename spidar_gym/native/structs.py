@@ -21,9 +21,9 @@ from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.motion import MOTIONS
 from spidar_gym.control.grasp.claw import Contact
 from spidar_gym.control.grasp.grip import Grip
+from spidar_gym.control.grasp.phases import GRASP_PHASES, GraspConfig, GraspMemory, Seen, Setting
 from spidar_gym.control.grasp.rule import RuleMemory
 from spidar_gym.control.grasp.scene import GraspScene
-from spidar_gym.control.grasp.phases import GRASP_PHASES, GraspConfig, GraspMemory, Seen, Setting
 from spidar_gym.control.locomotion.commands import OBJECTS
 from spidar_gym.control.locomotion.orders import ManagerConfig
 from spidar_gym.model.interference import Disc, InterferenceConfig, no_interference

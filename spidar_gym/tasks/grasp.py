@@ -28,8 +28,8 @@ OFF_CENTRE = 0.2
 DISTANCE, TURN = (1.0, 2.0), (-0.6, 0.6)
 """Ranges of the way from the start to the object: distance [m], direction from the heading [rad]."""
 GOAL_DISTANCE, GOAL_TURN, GOAL_YAW = (2.0, 3.0), (-0.6, 0.6), (-0.7, 0.7)
-"""Ranges of the way from the object to the goal: distance [m], turn from the way to the object [rad]; and of the turn of
-the object [rad]."""
+"""Ranges of the way from the object to the goal: distance [m], turn from the way to the object [rad]; and of the turn
+of the object [rad]."""
 BIAS, NOISE, TURN_NOISE = 0.005, 0.001, 0.002
 """Largest error of the seen object's position along each axis [m]; standard deviations of its noise [m], [rad]."""
 BEGIN_HEIGHT = 1.6
@@ -107,7 +107,10 @@ class GraspTask(Task[GraspRobots]):
     reward_terms = {  # noqa: RUF012 - the form in which derived tasks write it
         "reach": (0.1, "1 / (1 + (distance of the torso from its place for the grip / 0.3 m)²), 1 once it was lifted"),
         "hold": (0.15, "share of the feet that touch the object; 1 once it is delivered"),
-        "way": (0.3, "1 − distance of the object to its place at the goal / initial distance; a radian counts as 0.5 m"),
+        "way": (
+            0.3,
+            "1 − distance of the object to its place at the goal / initial distance; a radian counts as 0.5 m",
+        ),
         "place": (0.25, "1 / (1 + (that distance / 0.05 m)²) while the object rests and no foot is near, else 0"),
         "power": (0.1, "1 − electrical power / 8000 W"),
         "safety": (0.1, "1 / (1 + (force of a foot / force that the object bears)⁴)"),

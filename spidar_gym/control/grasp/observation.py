@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector, RotorVector, Vectoring
+from spidar_gym.arrays import JointVector, RotorVector
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.grasp.phases import GRASP_PHASES, Seen, heading_of
 from spidar_gym.control.grasp.scene import GraspScene

@@ -37,11 +37,11 @@ class GraspScene:
     """Sliding friction of its surface, hidden."""
     most_force: float = 33.0
     """Largest force that a foot may press it with [N], known."""
-    start: Pose2 = Pose2(1.5, 0.0, 0.0)
+    start: Pose2 = field(default_factory=lambda: Pose2(1.5))
     """Where it stands: its middle, and its heading."""
     stand: float = 0.0
     """Height of the stand below it there [m]; 0 is the floor."""
-    goal: Pose2 = Pose2(4.0, 0.0, 0.0)
+    goal: Pose2 = field(default_factory=lambda: Pose2(4.0))
     """Where it is to stand."""
     floor: float = 0.0
     """Height of the stand there [m]; 0 is the floor."""

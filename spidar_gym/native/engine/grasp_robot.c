@@ -335,6 +335,9 @@ static void tell(const sp_world *world, const sp_rules *rules, const sp_grasp_ro
     for (int i = 0; i < 3; i++) info->object_error[i] = g->place_w[i] - o->position_w[i];
     for (int leg = 0; leg < SP_LEGS; leg++) info->object_force[leg] = sp_norm(o->foot_force_w + 3 * leg);
     sp_copy(info->object_air, o->air_force_w, 3);
+    sp_copy(info->object_com, g->scene.com, 3);
+    info->object_mass = g->scene.mass;
+    info->object_friction = g->scene.friction;
     info->yaw_error_rad = yaw_error(&g->scene, o->quat_wo);
     info->way_m = place_error(g) + OBJECT_TURN * info->yaw_error_rad;
     info->lifted_m = o->position_w[2] - g->stood;

@@ -686,6 +686,8 @@ typedef struct {
     double object_error[3]; /* goal − object, world [m] */
     double object_force[4]; /* of each foot on the object [N] */
     double object_air[3]; /* force of the air on it, world [N] */
+    double object_com[3]; /* its centre of mass from its middle [m] */
+    double object_mass, object_friction; /* [kg], 1 */
     double way_m, yaw_error_rad, lifted_m, time_s, charge, tilt_rad, thrust_fraction, grip_n, payload_kg;
     double force_n, most_force_n; /* largest mean force of a foot; of the episode [N] */
     int32_t phase_code, grasp_phase_code, tries; /* sp_manager_phase; sp_grasp_phase; of the rule */
