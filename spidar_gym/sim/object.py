@@ -76,6 +76,13 @@ class ObjectConfig:
         a, b, c = self.half_size.tolist()
         return np.array({"cylinder": (a, a, c), "ball": (a, a, a)}.get(self.shape, (a, b, c)))
 
+    def apply(self, model: mujoco.MjModel) -> None:
+        """Write the shape into a model of `scene(…, free=True)`, for pictures."""
+        geom, (x, y, z) = model.geom("object"), self.scale.tolist()
+        geom.type = GEOM_TYPES[SHAPES.index(self.shape)]
+        geom.size = {"cylinder": (x, z, 0.0), "ball": (x, 0.0, 0.0)}.get(self.shape, (x, y, z))
+        geom.rbound = math.hypot(x, y, z)
+
     @property
     def patches(self) -> np.ndarray:
         """Position [m], outward normal and area [m²] of each patch of the surface, (1536, 7)."""
