@@ -16,6 +16,8 @@ from spidar_gym.robot import GRAVITY
 
 STAND_MARGIN = 0.05
 """Width by which the stand at the goal is wider than the object on each side [m]; that at the start is narrower."""
+LESS_PER_KG = 1.5
+"""By how much a kilogram that is carried lowers the largest grip of legs and thrust, by a linear program [N/kg]."""
 HEIGHTS = 0.0, 1.0
 """Least and greatest height of a stand [m]."""
 

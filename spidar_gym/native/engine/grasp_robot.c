@@ -47,13 +47,15 @@ void sp_draw_scene(const sp_grasp_rules *rules, sp_generator *generator, sp_gras
         for (int i = 0; i < 3; i++) scene->bias[i] = sp_uniform(generator, -rules->bias, rules->bias);
         double off = (fabs(scene->com[0]) + fabs(scene->com[1])) / a;
         double needed = scene->mass * SP_SCENE_GRAVITY * (1.0 + off) / (4.0 * scene->friction);
-        if (rules->reserve * needed <= sp_min(scene->most_force, SP_GRASP_SAFE_GRIP)) return;
+        double most = SP_GRASP_SAFE_GRIP - SP_SCENE_LESS_PER_KG * scene->mass;
+        if (rules->reserve * needed <= sp_min(scene->most_force, most)) return;
     }
 }
 
+/* Stands are along the axes of the world, whatever the heading of the object. */
 static double *put_stand(double *row, sp_pose2 at, double half_width, double height)
 {
-    const double box[7] = {at.x, at.y, 0.5 * height, half_width, half_width, 0.5 * height, at.yaw};
+    const double box[7] = {at.x, at.y, 0.5 * height, half_width, half_width, 0.5 * height, 0.0};
     if (!(height > 0.0)) return row;
     sp_copy(row, box, 7);
     return row + 7;
@@ -88,7 +90,7 @@ static void build(const sp_grasp_rules *rules, const sp_grasp_scene *scene, sp_p
     o->pressure = rules->pressure;
     double *row = config->ground.boxes, a = scene->half_size[0];
     sp_zero(row, 7 * SP_BOXES);
-    row = put_stand(row, scene->start, a - SP_SCENE_STAND_MARGIN, scene->stand);
+    row = put_stand(row, scene->start, 0.7 * a - SP_SCENE_STAND_MARGIN, scene->stand); /* no corner beyond a side */
     row = put_stand(row, scene->goal, a + SP_SCENE_STAND_MARGIN, scene->floor);
     if (scene->shape != SP_OBJECT_BALL) return;
     sp_pose2 start = scene->start, goal = scene->goal;
