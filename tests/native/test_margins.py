@@ -91,6 +91,7 @@ def test_the_command_refuses_a_fragile_preset_in_one_line_and_writes_nothing(tmp
 
 @pytest.mark.slow
 def test_a_search_counts_the_growth_of_modes_that_its_margins_forbid():
-    steady, tuned = (FlightController(controller_config(name)) for name in ("steady", "tuned"))
+    steady, tuned, paper = (FlightController(controller_config(name)) for name in ("steady", "tuned", "paper"))
     assert legs_shortfall(steady, margins.WORLD) == 0.0
+    assert legs_shortfall(paper, margins.WORLD) == 0.0
     assert legs_shortfall(tuned, margins.WORLD) > 0.1
