@@ -137,7 +137,8 @@ def main(arguments: list[str] | None = None) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog=f"everything:\n{plan(FULL)}\n\n--fast:\n{plan(FAST)}\n\n"
         "adversaries run a sample of their attempts, ROS some missions; all of them: pytest tests/adversary --whole, "
-        "pytest -n0 -m ros --whole",
+        "pytest -n0 -m ros --whole; from logs to the tuned flight: "
+        "pytest -n0 tests/onboard/test_tuned_flight.py --whole",
     )
     parser.add_argument("--fast", action="store_true", help="run only the quick checks, for use between two commits")
     fast = parser.parse_args(arguments).fast

@@ -15,11 +15,11 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 def pytest_addoption(parser):
-    """Add `--whole`: every attempt of the adversaries and every mission through ROS, not the sample of CI."""
+    """Add `--whole`: every attempt of the adversaries, every mission through ROS, the way to the tuned flight."""
     parser.addoption(
         "--whole",
         action="store_true",
-        help="run every attempt of the adversaries and every mission through ROS, not a sample",
+        help="run every attempt of the adversaries, every mission through ROS, and the way to the tuned flight",
     )
 
 
