@@ -31,7 +31,7 @@ from spidar_gym.native.engine_structs import AUTORESETS
 from spidar_gym.turn import Turn
 
 ValueT = TypeVar("ValueT")
-KINDS: dict[str, type[HoverEnv] | type[CrawlEnv] | type[CourseEnv]] = {
+KINDS: dict[str, type[HoverEnv] | type[CrawlEnv] | type[CourseEnv] | type[GraspEnv]] = {
     HOVER: HoverEnv, PATH: PathEnv, CRAWL: CrawlEnv, COURSE: CourseEnv, GRASP: GraspEnv,
 }  # fmt: skip
 """Class of a single robot's environment by id."""

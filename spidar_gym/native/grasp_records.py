@@ -17,7 +17,9 @@ def write_scene(record: Any, scene: GraspScene) -> None:  # noqa: ANN401 - numpy
 
 def read_scene(record: Any) -> GraspScene:  # noqa: ANN401 - numpy's row
     """Return the scene in an `sp_grasp_scene`."""
-    numbers = {name: record[name].item() for name in ("mass", "friction", "most_force", "stand", "floor")}
-    vectors = {name: np.array(record[name]) for name in ("half_size", "com", "bias")}
-    poses = {name: Pose2(*record[name].tolist()) for name in ("start", "goal")}
-    return GraspScene(OBJECTS[int(record["shape"])], **numbers, **vectors, **poses)
+    numbers: dict[str, Any] = {
+        name: record[name].item() for name in ("mass", "friction", "most_force", "stand", "floor")
+    }
+    numbers |= {name: np.array(record[name]) for name in ("half_size", "com", "bias")}
+    numbers |= {name: Pose2(*record[name].tolist()) for name in ("start", "goal")}
+    return GraspScene(OBJECTS[int(record["shape"])], **numbers)
