@@ -74,11 +74,13 @@ ENGINE_SIZES = {
     "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES,
     "TILES": TILES, "STAIR_ROW": STAIR_ROW, "STAIR_ROWS": STAIR_ROWS, "STAIRS": STAIRS, "BOXES": BOXES,
     "AIR_STEPS": AIR_STEPS, "SERVO_STEPS": SERVO_STEPS,
-    "N_PATCHES": object.N_PATCHES, "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST, "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
+    "FACES": object.FACES, "FACE_PATCHES": object.FACE_PATCHES,
+    "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST, "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
 }  # fmt: skip
 """Numbers by their names in C without `SP_`."""
 ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", scene, ("TIMESTEP",)),
+    ("", object, ("STILL", "STILL_AIR")),
     ("", air, ("AIR_DENSITY", "BLUFF", "LINK_SEGMENT", "REACH", "SPREAD", "STACKING_RADIUS")),
     ("JET_", air, ("NEAR", "LEAST_THRUST")),
     ("", actuators, ("NOISE_BANDWIDTH", "STICKING")),
@@ -203,7 +205,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("foot_force_w", "f8", (3 * N_LEGS,), "force of each foot on it in the last physics step, world [N]"),
         ("floor_force_w", "f8", (3,), "force of floor and boxes on the object in it [N]"),
         ("air_force_w air_torque_w", "f8", (3,), "force of the air and its torque about the origin [N], [Nm]"),
-        ("is_hit", "i4", (), "whether parts other than feet have touched it since the reset", FLAG),
+        ("is_hit rests", "i4", (), "parts other than feet have touched it; it stands still, and the robot is away", FLAG),
     )),
     CStruct("plant", "One simulated robot: configuration and state.", (
         ("config", "plant_config", (), ""),

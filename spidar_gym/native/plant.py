@@ -338,7 +338,7 @@ class Plant:
         if not self.config.object.exists:
             raise InvalidValueError("object", "none", "a PlantConfig with an object")
         record = self.record["object"]
-        vectors = {name: record[name].copy() for name in record.dtype.names if name != "is_hit"}
+        vectors = {name: record[name].copy() for name in record.dtype.names if name not in ("is_hit", "rests")}
         vectors["foot_force_w"] = vectors["foot_force_w"].reshape(N_LEGS, 3)
         return ObjectState(**vectors, is_hit=bool(record["is_hit"]))
 

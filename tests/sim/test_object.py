@@ -11,6 +11,7 @@ from spidar_gym.native.formulas import evaluate_air
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import GRAVITY
 from spidar_gym.sim.config import PlantConfig
+from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import GroundConfig
 from spidar_gym.sim.object import SHAPES, ObjectConfig
 from spidar_gym.so3 import quat_to_matrix
@@ -183,3 +184,21 @@ def test_other_objects_and_worlds_are_refused():
         plant.configure(PlantConfig(object=ObjectConfig(shape="box")))
     with pytest.raises(InvalidValueError, match="object"):
         plant.object()
+
+
+def test_a_standing_object_is_left_out_of_the_simulation():
+    # Far from the robot the floor's friction holds it; with a push of the air beyond it the object is simulated.
+    plant = plant_with(shape="box", mass=1.0, half_size=np.array([0.25, 0.25, 0.2]))
+    before = steps(placed(plant, (2.0, 0.0, 0.2), robot=(0.0, 0.0, 60.0)), 40)
+    record = plant.record["object"]
+    assert record["rests"]
+    assert before.floor_force_w == pytest.approx([0.0, 0.0, GRAVITY] - before.air_force_w, abs=1e-9)
+    after = steps(plant, 40)
+    assert after.position_w.tobytes() == before.position_w.tobytes()
+    plant.reset(
+        np.array([0.0, 0.0, 60.0]), object_pose=np.array([2.0, 0.0, 0.2, *LEVEL]),
+        rng=np.random.Generator(np.random.PCG64(0)), disturbances=Disturbances(wind=12.0),
+    )  # fmt: skip
+    away = steps(plant, 80)
+    assert not record["rests"]
+    assert np.linalg.norm(away.position_w[:2] - (2.0, 0.0)) > 0.05

@@ -178,48 +178,71 @@ static uint32_t jets_towards(const double *centre, double radius, const double *
     return jets;
 }
 
-/* Evaluate the pressure of jets and wind on the object: c ½ ρ (V·n)² along −n on each windward patch, on which only the
- * jets act that blow towards its face. Where c is 2, a jet that meets a face loses all of its momentum along the normal. */
-static void push_object(const sp_world *world, const sp_sim *sim, const sp_aero_config *config,
-                        const sp_object_config *object, const double *origin, const double *wind_w, const double *up,
-                        const double (*exits)[3], const double *w, sp_air *out)
+/* The jets that reach a face and blow towards it, by bits; `face` of the cube that is mapped onto the object: its axis,
+ * then its side. All in the object's axes. */
+static uint32_t jets_at(int face, int is_flat, const double *scale, uint32_t near, const double *up, const double (*exits)[3])
 {
+    double centre[3] = {0.0, 0.0, 0.0}, size[3] = {scale[0], scale[1], scale[2]}, side = face % 2 ? -1.0 : 1.0;
+    int axis = face / 2;
+    if (!near) return 0;
+    centre[axis] = side * size[axis] * (is_flat ? 1.0 : 0.5);
+    size[axis] *= is_flat ? 0.0 : 0.5;
+    near &= jets_towards(centre, sp_norm(size), up, exits);
+    for (int j = 0; j < SP_DUCTS && is_flat; j++)
+        if (!(side * up[3 * j + axis] > 0.0)) near &= ~(1u << j);
+    return near;
+}
+
+/* Evaluate the pressure of jets and wind on the object: c ½ ρ (V·n)² along −n on each windward patch, on which only the
+ * jets act that blow towards it. Where c is 2, a jet that meets a face loses all of its momentum along the normal. */
+static void push_object(const sp_world *world, const sp_sim *sim, const sp_aero_config *config,
+                        const sp_object_config *object, const double *origin, const double *wind_w, const double *up_w,
+                        const double (*exits_w)[3], const double *w, sp_air *out)
+{
+    static const double level[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
     const double *at = sim->xpos + 3 * world->object, *R = sim->xmat + 9 * world->object;
     const double *twist = sim->cvel + 6 * world->object, *com = sim->subtree_com + 3 * world->object;
-    double scale[3], middle[3] = {at[0] - origin[0], at[1] - origin[1], at[2] - origin[2]};
+    double scale[3], up[3 * SP_DUCTS], exits[SP_DUCTS][3], force[3] = {0, 0, 0}, torque[3] = {0, 0, 0};
+    double lever_w[3], turn[3], air_w[3], air[3], omega[3];
     sp_object_scale(object, scale);
-    uint32_t near = config->wake ? jets_towards(middle, sp_norm(scale), up, exits) : 0;
-    sp_zero(out->object_force_w, 3);
-    sp_zero(out->object_torque_w, 3);
-    for (int k = 0; k < SP_N_PATCHES; k++) {
-        const double *row = world->patch[object->shape][k];
-        int axis = k / (SP_N_PATCHES / 3);
-        double place[3] = {scale[0] * row[0], scale[1] * row[1], scale[2] * row[2]};
-        double lever[3], normal[3], from_com[3], turn[3], torque[3];
-        station s = {.R = R, .owner = -1};
-        sp_apply(R, place, lever);
-        sp_apply(R, row + 3, normal);
-        for (int i = 0; i < 3; i++) {
-            s.p[i] = at[i] + lever[i] - origin[i];
-            from_com[i] = at[i] + lever[i] - com[i];
-        }
-        sp_cross(from_com, twist, turn); /* wind − (v + ω × p) = wind − v + p × ω */
-        for (int i = 0; i < 3; i++) s.air[i] = wind_w[i] - twist[3 + i] + turn[i];
-        uint32_t jets = near;
-        for (int j = 0; j < SP_DUCTS && jets; j++)
-            if (!(sp_dot(up + 3 * j, normal) > 0.0)) jets &= ~(1u << j);
-        if (jets) add_wake(&s, 0, world, up, exits, w, config->core_length, jets);
-        double into = -sp_dot(s.air, normal);
-        if (!(into > 0.0)) continue;
-        double area = row[6] * scale[(axis + 1) % 3] * scale[(axis + 2) % 3];
-        double pressed = 0.5 * SP_AIR_DENSITY * object->pressure * into * into * area;
-        for (int i = 0; i < 3; i++) {
-            normal[i] *= -pressed;
-            out->object_force_w[i] += normal[i];
-        }
-        sp_cross(lever, normal, torque);
-        for (int i = 0; i < 3; i++) out->object_torque_w[i] += torque[i];
+    for (int i = 0; i < 3; i++) lever_w[i] = at[i] - com[i];
+    sp_cross(lever_w, twist, turn); /* wind − (v + ω × p) = wind − v + p × ω */
+    for (int i = 0; i < 3; i++) air_w[i] = wind_w[i] - twist[3 + i] + turn[i];
+    sp_apply_t(R, air_w, air);
+    sp_apply_t(R, twist, omega);
+    for (int j = 0; j < SP_DUCTS && config->wake; j++) {
+        double from[3];
+        for (int i = 0; i < 3; i++) from[i] = exits_w[j][i] + origin[i] - at[i];
+        sp_apply_t(R, from, exits[j]);
+        sp_apply_t(R, up_w + 3 * j, up + 3 * j);
     }
+    const double middle[3] = {0.0, 0.0, 0.0};
+    uint32_t near = config->wake ? jets_towards(middle, sp_norm(scale), up, (const double(*)[3])exits) : 0;
+    int is_still = sp_norm(air) + sp_norm(omega) * sp_norm(scale) < SP_STILL_AIR;
+    for (int face = 0; face < SP_FACES; face++) {
+        int axis = face / 2, is_flat = object->shape == SP_SHAPE_BOX || (object->shape == SP_SHAPE_CYLINDER && axis == 2);
+        uint32_t jets = jets_at(face, is_flat, scale, near, up, (const double(*)[3])exits);
+        if (!jets && is_still) continue;
+        double area = 0.5 * SP_AIR_DENSITY * object->pressure * scale[(axis + 1) % 3] * scale[(axis + 2) % 3];
+        for (int k = face * SP_FACE_PATCHES; k < (face + 1) * SP_FACE_PATCHES; k++) {
+            const double *row = world->patch[object->shape][k], *normal = row + 3;
+            station s = {.R = level, .owner = -1, .p = {scale[0] * row[0], scale[1] * row[1], scale[2] * row[2]}};
+            sp_cross(s.p, omega, turn);
+            for (int i = 0; i < 3; i++) s.air[i] = air[i] + turn[i];
+            uint32_t blowing = jets;
+            for (int j = 0; j < SP_DUCTS && blowing && !is_flat; j++)
+                if (!(sp_dot(up + 3 * j, normal) > 0.0)) blowing &= ~(1u << j);
+            if (blowing) add_wake(&s, 0, world, up, (const double(*)[3])exits, w, config->core_length, blowing);
+            double into = -sp_dot(s.air, normal);
+            if (!(into > 0.0)) continue;
+            double pressed = into * into * row[6] * area, push[3], about[3];
+            for (int i = 0; i < 3; i++) push[i] = -pressed * normal[i];
+            sp_cross(s.p, push, about);
+            for (int i = 0; i < 3; i++) force[i] += push[i], torque[i] += about[i];
+        }
+    }
+    sp_apply(R, force, out->object_force_w);
+    sp_apply(R, torque, out->object_torque_w);
 }
 
 /* Evaluate the forces of the air: `thrust` in still air and `noise` per module [N], wind [m/s] and push [N], world; the

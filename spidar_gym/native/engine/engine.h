@@ -92,6 +92,8 @@ void sp_object_scale(const sp_object_config *config, double *scale);
 void sp_write_object(const sp_world *world, const sp_object_config *config, const sp_sim *sim);
 void sp_place_object(const sp_world *world, const sp_sim *sim, const double *position_w, const double *quat_wo);
 void sp_read_object(const sp_world *world, const sp_sim *sim, sp_object_state *state);
+void sp_keep_object(const sp_sim *sim, const sp_object_state *state);
+void sp_watch_object(const sp_world *world, const sp_sim *sim, int left, double apart, sp_plant *p);
 
 /* body.c: writes a configuration into MuJoCo's model. */
 void sp_write_body(const sp_world *world, const sp_body_config *config, const sp_sim *sim);

@@ -86,3 +86,54 @@ void sp_read_object(const sp_world *world, const sp_sim *sim, sp_object_state *o
         for (int i = 0; i < 3; i++) sum[i] += first ? -force[i] : force[i];
     }
 }
+
+/* Leave a resting object where it is after a physics step. */
+void sp_keep_object(const sp_sim *sim, const sp_object_state *o)
+{
+    sp_copy(sim->qpos + SP_QPOS, o->position_w, 3);
+    sp_copy(sim->qpos + SP_QPOS + 3, o->quat_wo, 4);
+    sp_zero(sim->qvel + SP_DOFS, 6);
+}
+
+/* Whether every part of the robot is farther than `apart` from the sphere around the object. */
+static int is_away(const sp_world *world, const sp_sim *sim, const sp_object_config *c, double apart)
+{
+    const double *middle = sim->qpos + SP_QPOS;
+    double scale[3];
+    sp_object_scale(c, scale);
+    for (int k = 0; k < world->moving; k++) {
+        const double *place = sim->geom_xpos + 3 * world->geom[k];
+        double from[3] = {place[0] - middle[0], place[1] - middle[1], place[2] - middle[2]};
+        if (!(sp_norm(from) - world->geom_reach[k] - sp_norm(scale) > apart)) return 0;
+    }
+    return 1;
+}
+
+/* Whether the floor holds a standing object against the air with a reserve: by friction, and so that it does not tip. A
+ * ball rests between blocks only. */
+static int is_held_by_floor(const sp_world *world, const sp_object_config *c, const sp_object_state *o)
+{
+    const double *F = o->air_force_w, *T = o->air_torque_w, reserve = 2.0, lever = 0.1;
+    double pressed = c->mass * SP_SCENE_GRAVITY - F[2], across = sqrt(F[0] * F[0] + F[1] * F[1]), scale[3];
+    int is_ball = c->shape == SP_SHAPE_BALL;
+    if (is_ball && world->box[0] < 0) return 0;
+    sp_object_scale(c, scale);
+    double most = (is_ball ? sp_min(c->friction, 0.5) : c->friction) * pressed / reserve;
+    return across <= most && sqrt(T[0] * T[0] + T[1] * T[1]) + scale[2] * across <= lever * sp_min(scale[0], scale[1]) * pressed &&
+           fabs(T[2]) <= lever * most * sp_min(scale[0], scale[1]);
+}
+
+/* Find out whether the object stands still and need not be simulated in the next control period: the floor holds it, and
+ * the robot is away. `left`: in the last one it was not; the floor's force then balances weight and air. */
+void sp_watch_object(const sp_world *world, const sp_sim *sim, int left, double apart, sp_plant *p)
+{
+    sp_object_state *o = &p->object;
+    const sp_object_config *c = &p->config.object;
+    double weight = c->mass * SP_SCENE_GRAVITY;
+    if (left) {
+        for (int i = 0; i < 3; i++) o->floor_force_w[i] = -o->air_force_w[i];
+        o->floor_force_w[2] += weight;
+    }
+    o->rests = p->floor_R[8] == 1.0 && sp_norm(o->velocity_w) < SP_STILL && sp_norm(o->omega_o) < SP_STILL &&
+               o->floor_force_w[2] > 0.5 * weight && is_held_by_floor(world, c, o) && is_away(world, sim, c, apart);
+}

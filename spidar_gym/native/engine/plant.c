@@ -277,15 +277,18 @@ void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *c
 {
     double square = 0.0, period;
     int asymmetric = is_asymmetric(&p->config.actuators), substeps = p->config.substeps, blown = 0;
-    int boxed = world->box[0] >= 0, accompanied = world->object >= 0;
+    int boxed = world->box[0] >= 0, accompanied = world->object >= 0, far, left;
     sp_air air;
     period = substeps * SP_TIMESTEP;
     p->hit = 0.0;
     dispatch(world, sim, command, p);
-    sp_look_for_contacts(sim, accompanied || !(p->clearance > SP_FASTEST * period));
+    far = p->clearance > SP_FASTEST * period;
+    left = far && p->object.rests; /* the object stands still and stays where it is */
+    sp_look_for_contacts(sim, !far || (accompanied && !left));
     for (int k = 0; k < substeps && sp_is_somewhere(world, sim); k++) {
         sim->mujoco->step(sim->model, sim->data);
         p->clock++;
+        if (left) sp_keep_object(sim, &p->object);
         write_play(world, sim, p);
         if (boxed && *sim->contacts) p->hit = sp_max(p->hit, sp_hit(world, sim));
         if (p->pending_count) deliver(sim, p);
@@ -305,6 +308,7 @@ void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *c
     if (blown) keep_air(&air, p);
     read_state(world, sim, p, &p->state);
     sp_read_object(world, sim, &p->object);
+    if (accompanied) sp_watch_object(world, sim, left, SP_FASTEST * period, p);
     p->power = power(sim, &p->state);
     p->energy_wh += p->power * period / 3600.0;
     p->violated |= violations(world, sim, p);

@@ -21,7 +21,8 @@
 #define SP_BOXES 64 /* engine_structs */
 #define SP_AIR_STEPS 10 /* engine_structs */
 #define SP_SERVO_STEPS 5 /* engine_structs */
-#define SP_N_PATCHES 1536 /* engine_structs */
+#define SP_FACES 6 /* engine_structs */
+#define SP_FACE_PATCHES 144 /* engine_structs */
 #define SP_IMU_STEPS 2 /* engine_structs */
 #define SP_FASTEST 0x1.8000000000000p+3 /* 12.0, engine_structs */
 #define SP_MAX_WARNING_BYTES 256 /* engine_structs */
@@ -33,6 +34,8 @@
 #define SP_STATE_START 2337405405u /* spidar_gym.native.draws */
 #define SP_STATE_FACTOR 1492356589 /* spidar_gym.native.draws */
 #define SP_TIMESTEP 0x1.47ae147ae147bp-9 /* 0.0025, spidar_gym.sim.scene.TIMESTEP */
+#define SP_STILL 0x1.0624dd2f1a9fcp-10 /* 0.001, spidar_gym.sim.object.STILL */
+#define SP_STILL_AIR 0x1.0624dd2f1a9fcp-10 /* 0.001, spidar_gym.sim.object.STILL_AIR */
 #define SP_AIR_DENSITY 0x1.399999999999ap+0 /* 1.225, spidar_gym.sim.air.AIR_DENSITY */
 #define SP_BLUFF 0x1.199999999999ap+0 /* 1.1, spidar_gym.sim.air.BLUFF */
 #define SP_LINK_SEGMENT 0x1.70a3d70a3d70ap-3 /* 0.18, spidar_gym.sim.air.LINK_SEGMENT */
@@ -285,7 +288,7 @@ typedef struct {
     double imu_position_b[3]; /* position of the inertial unit, which motion capture tracks [m] */
     double encoder_step[32]; /* one count of each encoder [rad] */
     int32_t object_type[4]; /* MuJoCo's geom type of each shape */
-    double patch[4][1536][7]; /* of objects with half sizes of 1 */
+    double patch[4][864][7]; /* of objects with half sizes of 1 */
     double start[469]; /* MuJoCo's state after a reset */
 } sp_world;
 
@@ -343,7 +346,7 @@ typedef struct {
     double foot_force_w[12]; /* force of each foot on it in the last physics step, world [N] */
     double floor_force_w[3]; /* force of floor and boxes on the object in it [N] */
     double air_force_w[3], air_torque_w[3]; /* force of the air and its torque about the origin [N], [Nm] */
-    int32_t is_hit; /* whether parts other than feet have touched it since the reset */
+    int32_t is_hit, rests; /* parts other than feet have touched it; it stands still, and the robot is away */
 } sp_object_state;
 
 /* One simulated robot: configuration and state. */
