@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from spidar_gym.benchmark.track import BOTH, CAP, FLIGHT, GROUND
+from spidar_gym.benchmark.track import BOTH, CAP, FLIGHT, GRASPING, GROUND
 from spidar_gym.errors import InvalidValueError
 
 WORD = 200
@@ -22,8 +22,8 @@ class Metric:
     """Exact type: `float`, `int`, `bool` or `str`."""
     most: float = 1.0
     """Largest valid value: far above the values of episodes, but small enough that sums do not overflow."""
-    worlds: tuple[str, ...] = (FLIGHT, GROUND, BOTH)
-    """Worlds in which the metric is defined. Elsewhere it is None in flights and crawls, and absent from courses."""
+    worlds: tuple[str, ...] = (FLIGHT, GROUND, BOTH, GRASPING)
+    """Worlds in which the metric is defined. Elsewhere it is None in flights and crawls, and absent from others."""
     least: float = 0.0
     """Smallest valid value; above 0 for divisors."""
     spread: Mapping[str, float] = field(default_factory=dict)
@@ -61,8 +61,8 @@ class Metric:
         return None
 
 
-def _spread(flight: float = 0.0, ground: float = 0.0, course: float = 0.0) -> dict[str, float]:
-    return {FLIGHT: flight, GROUND: ground, BOTH: course}
+def _spread(flight: float = 0.0, ground: float = 0.0, course: float = 0.0, grasp: float = 0.0) -> dict[str, float]:
+    return {FLIGHT: flight, GROUND: ground, BOTH: course, GRASPING: grasp}
 
 
 METRICS: dict[str, Metric] = {
@@ -94,14 +94,14 @@ METRICS: dict[str, Metric] = {
     ),
     "late_forms": Metric("flight: forms not reached within 0.5 s after their deadline", int, 100.0, (FLIGHT,)),
     "final_error_m": Metric(
-        "ground, course: distance from the goal at the end",
+        "ground, course: distance from the goal at the end; grasp: that of the object from its place",
         float,
         100.0,
-        (GROUND, BOTH),
+        (GROUND, BOTH, GRASPING),
         spread=_spread(0.0, 5e-05, 0.004),
     ),
     "final_yaw_rad": Metric(
-        "ground, course: |heading error| at the end", float, math.tau, (GROUND, BOTH), spread=_spread(0.0, 1e-4, 0.004)
+        "|heading error| at the end, of the object in a grasp", float, math.tau, (GROUND, BOTH, GRASPING), spread=_spread(0.0, 1e-4, 0.004)
     ),
     "drift": Metric(
         "ground: final error over the distance from start to goal, a radian counting 0.5 m",
@@ -118,7 +118,7 @@ METRICS: dict[str, Metric] = {
         spread=_spread(0.0, 0.003),
     ),
     "duration_s": Metric(
-        "duration of the flight, or time until the crawl or the course was finished",
+        "duration of the flight, or time until crawl, course or grasp was finished",
         float,
         1e3,
         spread=_spread(0.026, 0.026, 0.5),
@@ -154,6 +154,12 @@ METRICS: dict[str, Metric] = {
         (BOTH,),
         spread=_spread(course=0.5),
     ),
+    "lifted_m": Metric("grasp: largest height of the object over its stand", float, 100.0, (GRASPING,)),
+    "force_n": Metric(
+        "grasp: largest force of a foot on the object, mean over a tenth of a second", float, 1e6, (GRASPING,)
+    ),
+    "force_share": Metric("grasp: that force over the force that the object bears", float, 1e6, (GRASPING,)),
+    "tries": Metric("grasp: number of times that the rule has begun to grasp", int, 1e5, (GRASPING,)),
 }
 """Metrics of an episode by name; names end in the unit.
 

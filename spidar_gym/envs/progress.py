@@ -211,6 +211,8 @@ class GraspProgress:
     """Time since which the object is delivered [s]; 0 if it is not."""
     most_force: float
     """Largest force of a foot, a mean over a tenth of a second [N]."""
+    bears: float
+    """Force that a foot may press the object with [N]."""
     most_lifted: float
     """Largest height of the object over its stand at the start [m]."""
     fall: float
@@ -224,9 +226,17 @@ class GraspProgress:
     def read(cls, record: Any) -> "GraspProgress":  # noqa: ANN401 - a NumPy record
         """Read the progress of a robot in the engine, an `sp_grasp_robot`."""
         names = ("controls", "initial_way", "arrived", "most_force", "most_lifted", "fall", "charge")
-        return cls(**{name: record[name].item() for name in names}, tries=int(record["rule"]["tries"]))
+        bears, tries = record["scene"]["most_force"].item(), int(record["rule"]["tries"])
+        return cls(**{name: record[name].item() for name in names}, bears=bears, tries=tries)
 
     @property
     def time(self) -> float:
         """Time since the start [s]."""
         return self.controls / CONTROL_RATE
+
+
+AnyProgress = FlightProgress | CrawlProgress | CourseProgress | GraspProgress
+PROGRESS: dict[str, type[CrawlProgress] | type[CourseProgress] | type[GraspProgress]] = {
+    "crawl": CrawlProgress, "course": CourseProgress, "grasp": GraspProgress,
+}  # fmt: skip
+"""Progress by the kind of robots in the engine, for those without a schedule of forms."""

@@ -228,7 +228,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         wrench += residual.wrench
         if grip is not None:
             wrench += grip.carried(snapshot, R_wb, state.position_w)
-        disc = None if grip is None else grip.disc(snapshot, R_wb, state.position_w)
+        disc = None if grip is None or grip.radius == 0.0 else grip.disc(snapshot, R_wb, state.position_w)
         demand, lock, bounds = self._demand(memory, snapshot, reference, state.vectoring, wrench, disc)
         if grip is not None:
             feet = self.model.stance(seen.joint_position, R_wb, seen.vectoring)[1]

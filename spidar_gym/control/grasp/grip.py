@@ -29,7 +29,7 @@ class Grip:
     position_w: Vector3
     """Origin of the object, in its middle, world [m]."""
     radius: float
-    """Radius of the object for the jets [m]."""
+    """Radius of the object for the jets [m]; 0 where they do not avoid it."""
     top: float
     """Height of its top over the origin [m]."""
     force: float = 0.0

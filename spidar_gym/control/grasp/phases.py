@@ -12,10 +12,10 @@ import numpy as np
 
 from spidar_gym.arrays import JointVector, Quaternion, Vector3
 from spidar_gym.control.flight.path import ease, wrap
-from spidar_gym.control.grasp.claw import Contact, claw_form, claw_height, plan_contact
+from spidar_gym.control.grasp.claw import PRESS, Contact, claw_form, claw_height, plan_contact
 from spidar_gym.control.grasp.grip import Grip
 from spidar_gym.control.locomotion.commands import Grasp
-from spidar_gym.errors import require_within
+from spidar_gym.errors import require_flag, require_within
 from spidar_gym.robot import GRAVITY, N_LEGS, ROBOT, RobotSpec
 
 GRASP_PHASES = ("none", "rise", "over", "down", "close", "grip", "load", "test", "back", "settle", "lift", "hold",
@@ -86,9 +86,17 @@ class GraspConfig:
     away: float = 0.12
     """The object is lost if it is this far from its place below the torso [m]."""
 
+    squeeze: float = 0.0
+    """Depth by which joint setpoints lead the feet into the object in place of a grip by the allocation [m]."""
+    avoids: bool = True
+    """Whether the jets avoid the object as they avoid rotors and torso."""
+
     def __post_init__(self) -> None:
         """Raise `InvalidValueError` for numbers out of range."""
-        require_within(1e-3, 100.0, "1", **vars(self))
+        numbers = dict(vars(self))
+        require_flag(avoids=numbers.pop("avoids"))
+        require_within(0.0, 0.5, "m", squeeze=numbers.pop("squeeze"))
+        require_within(1e-3, 100.0, "1", **numbers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -348,7 +356,9 @@ class Grasper:
 
     def _grip(self, setting: Setting, where: Vector3) -> Grip:
         assert self.target is not None
-        return Grip(where, self.target.radius, self.target.top, setting.force, setting.payload)
+        radius = self.target.radius if self.config.avoids else 0.0
+        force = 0.0 if self.config.squeeze > 0.0 else setting.force
+        return Grip(where, radius, self.target.top, force, setting.payload)
 
     def _now(self, fade: float = 0.0) -> tuple[Setting, np.ndarray]:
         """Return the present setting and the rate of the pose; `fade` [s] later if it came to rest from now on."""
@@ -468,7 +478,8 @@ class Grasper:
     def _grip_now(self, view: "_View") -> None:
         del view
         assert self.plan is not None
-        pressed = self._shifted(0.0, self.plan.closed, self.memory.force)
+        deeper = self.config.squeeze / PRESS * (self.plan.pressed - self.plan.closed)
+        pressed = self._shifted(0.0, self.plan.closed + deeper, self.memory.force)
         self._enter("grip", pressed, least=self.config.grip_time)
 
     def _load(self, view: "_View") -> None:

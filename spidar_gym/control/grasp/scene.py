@@ -96,6 +96,13 @@ def needed_force(mass: float, com: Vector3, half_width: float, friction: float) 
     return mass * GRAVITY * (1.0 + off) / (4.0 * friction)
 
 
+def plain_scene(scene: GraspScene) -> dict[str, Any]:
+    """Return the numbers of a scene as `parse_scene` reads them, from JSON too."""
+    found = {each.name: getattr(scene, each.name) for each in fields(scene)}
+    poses = {name: [found[name].x, found[name].y, found[name].yaw] for name in ("start", "goal")}
+    return found | {name: found[name].tolist() for name in ("half_size", "com", "bias")} | poses
+
+
 def parse_scene(given: Any) -> GraspScene | None:  # noqa: ANN401 - user input
     """Return a scene from a `GraspScene`, its numbers by name, or None (`InvalidValueError` for anything else)."""
     if given is None or isinstance(given, GraspScene):

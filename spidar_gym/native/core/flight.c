@@ -395,8 +395,9 @@ static void flight_demand(const sp_robot *robot, sp_flight *f, const sp_robot_st
     double nominal[2 * SP_ROTORS];
     sp_nominal_vectoring(s, m->vectoring, nominal);
     sp_disc disc;
-    if (grip != NULL) sp_grip_disc(grip, s, f->control.R_wb, state->position_w, &disc);
-    sp_find_interference(s, nominal, &m->interference, &f->config.interference, grip == NULL ? NULL : &disc, bounds);
+    int avoids = grip != NULL && grip->radius > 0.0;
+    if (avoids) sp_grip_disc(grip, s, f->control.R_wb, state->position_w, &disc);
+    sp_find_interference(s, nominal, &m->interference, &f->config.interference, avoids ? &disc : NULL, bounds);
     if (reference->mode != SP_REFERENCE_MODE_FLIGHT) memset(bounds->restricted, 0, sizeof bounds->restricted);
     sp_update_lock(&m->lock, bounds->restricted, nominal, s, m->vectoring, &f->config.lock, lock);
     for (int i = 0; i < SP_ROTORS; i++) {

@@ -396,7 +396,9 @@ static void go_on(const sp_robot *robot, sp_grasper *g, const double *position_w
     case SP_GRASP_CLOSE:
     case SP_GRASP_BACK:
         note_place(m, position_w, yaw, where, seen);
-        enter(g, SP_GRASP_GRIP, with_force(with_form(end, plan->closed), m->force), 0.0, c->grip_time);
+        for (int j = 0; j < SP_JOINTS; j++)
+            end.form[j] = plan->closed[j] + c->squeeze / SP_CLAW_PRESS * (plan->pressed[j] - plan->closed[j]);
+        enter(g, SP_GRASP_GRIP, with_force(end, m->force), 0.0, c->grip_time);
         break;
     case SP_GRASP_GRIP: enter(g, SP_GRASP_LOAD, with_payload(end, m->mass), 0.0, c->load_time); break;
     case SP_GRASP_LOAD:
@@ -454,8 +456,8 @@ void sp_grasp_step(const sp_robot *robot, sp_grasper *g, const sp_robot_state *s
     m->time += dt;
     *aim = present(m, 0.0, rate);
     sp_copy(g->grip.position_w, where, 3);
-    g->grip.radius = g->target.half_size[0];
+    g->grip.radius = g->config.avoids ? g->target.half_size[0] : 0.0;
     g->grip.top = top_of(&g->target);
-    g->grip.force = aim->force;
+    g->grip.force = g->config.squeeze > 0.0 ? 0.0 : aim->force;
     g->grip.payload = aim->payload;
 }
