@@ -77,7 +77,7 @@ typedef struct {
 /* An object near the robot, and what the legs do with it. */
 typedef struct {
     double position_w[3]; /* Origin of the object, in its middle, world [m]. */
-    double radius; /* Radius of the object for the jets [m]. */
+    double radius; /* Radius of the object for the jets [m]; 0 where they do not avoid it. */
     double top; /* Height of its top over the origin [m]. */
     double force; /* Force of each foot towards the object's vertical axis [N]. */
     double payload; /* Mass that the legs carry [kg]. */
@@ -298,6 +298,8 @@ typedef struct {
     double slack; /* Height by which the torso rises while it lets go [m]: feet that are pressed down on an object knock it. */
     double bent; /* The object is lost if a joint is this far from its angle at the contact [rad]. */
     double away; /* The object is lost if it is this far from its place below the torso [m]. */
+    double squeeze; /* Depth by which joint setpoints lead the feet into the object in place of a grip by the allocation [m]. */
+    int32_t avoids; /* Whether the jets avoid the object as they avoid rotors and torso. */
 } sp_grasp_config;
 
 /* An object as motion capture sees it. */
