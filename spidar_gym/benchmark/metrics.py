@@ -101,7 +101,11 @@ METRICS: dict[str, Metric] = {
         spread=_spread(0.0, 5e-05, 0.004),
     ),
     "final_yaw_rad": Metric(
-        "|heading error| at the end, of the object in a grasp", float, math.tau, (GROUND, BOTH, GRASPING), spread=_spread(0.0, 1e-4, 0.004)
+        "|heading error| at the end, of the object in a grasp",
+        float,
+        math.tau,
+        (GROUND, BOTH, GRASPING),
+        spread=_spread(0.0, 1e-4, 0.004),
     ),
     "drift": Metric(
         "ground: final error over the distance from start to goal, a radian counting 0.5 m",

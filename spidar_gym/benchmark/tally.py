@@ -144,9 +144,7 @@ class Tally:
         self._thrust[ids] += np.where(under_way, _sum(look.thrust_command) / ROBOT.weight, 0.0)
         self._violations[ids] += under_way & look.breaks
 
-    def metrics(
-        self, robot: int, info: dict[str, Any], progress: AnyProgress
-    ) -> dict[str, Any]:
+    def metrics(self, robot: int, info: dict[str, Any], progress: AnyProgress) -> dict[str, Any]:
         """Return the `METRICS` of a finished episode by name (None where not defined); `info` is the last one."""
         counted = int(self.ticks[robot])
         if isinstance(progress, FlightProgress):

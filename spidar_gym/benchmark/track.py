@@ -32,8 +32,8 @@ TIME_SCALE, WAY_SCALE, MISS_SCALE, HIT_SCALE = 10.0, 5.0, 0.03, 20.0
 """A course with this time [s/m] and energy [Wh/m] per metre from start to goal, this final error [m, a radian counts
 0.5 m] and this largest contact force [N] has error 1."""
 GRASP_TIME_SCALE, GRASP_ENERGY_SCALE, PLACE_SCALE = 40.0, 45.0, 0.05
-"""A grasp with this time [s], this energy [Wh], this final error of the object [m, a radian counts 0.5 m] and the largest
-force of a foot that the object bears has error 1."""
+"""A grasp with this time [s], this energy [Wh], this final error of the object [m, a radian counts 0.5 m] and the
+largest force of a foot that the object bears has error 1."""
 FLIGHT, GROUND, BOTH, GRASPING = "flight", "ground", "course", "grasp"
 """World of a track: in the air, on the floor, both, or with an object."""
 GROUPED = {HOVER: "flight", CRAWL: "ground", PATH: "path", COURSE: "course", GRASP: "grasp"}
@@ -237,13 +237,14 @@ TRACKS: dict[str, Track] = {
         90.0, {**_WORLD, "shapes": ("ball",), "half_width": (0.25, 0.25), "mass": (1.0, 1.0), "friction": (0.4, 0.8)},
     ),
     "grasp-boxes": Track(
-        "boxes and cylinders of 0.3 … 3 kg, friction 0.4 … 1; robots of the calibrated world, half in wind of 1 … 2 m/s",
+        "boxes and cylinders of 0.3 … 3 kg, friction 0.4 … 1; robots of the calibrated world, half in wind of "
+        "1 … 2 m/s",
         GRASP, 90.0, _WORLD, disturbances={"wind": (1.0, 2.0)}, calm=0.5,
     ),
     "grasp-fragile": Track(
-        "boxes and cylinders of 0.3 … 6 kg, friction 0.3 … 0.9, that break at 15 … 45 N, on stands up to 0.4 m; robots of "
-        "the calibrated world, half in wind of 1 … 2 m/s", GRASP, 90.0,
-        {**_WORLD, "mass": (0.3, 6.0), "friction": (0.3, 0.9), "most_force": (15.0, 45.0), "stand": (0.0, 0.4),
+        "boxes and cylinders of 0.3 … 6 kg, friction 0.3 … 0.9, that bear 8 … 30 N a foot, on stands up to 0.4 m; "
+        "robots of the calibrated world, half in wind of 1 … 2 m/s", GRASP, 90.0,
+        {**_WORLD, "mass": (0.3, 6.0), "friction": (0.3, 0.9), "most_force": (8.0, 30.0), "stand": (0.0, 0.4),
          "floor": (0.0, 0.4)},
         disturbances={"wind": (1.0, 2.0)}, calm=0.5,
     ),

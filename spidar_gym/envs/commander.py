@@ -456,11 +456,12 @@ class GraspCommander(Commander):
     """Runs a manager of flight and grasp, and the rule that orders it."""
 
     def __init__(
-        self, controller: Manager, fleet: Fleet, plant: Plant, mode: ActionMode, bound: np.ndarray, *, is_order: bool
-    ) -> None:
-        """Attach to a robot; arguments as for `Commander`; `is_order` is whether an action steers."""
+        self, controller: Manager, fleet: Fleet, plant: Plant, mode: ActionMode, bound: np.ndarray, *,
+        grip: float | str, is_order: bool,
+    ) -> None:  # fmt: skip
+        """Attach to a robot; arguments as for `Commander`, `grip` of `decide`; `is_order`: whether an action steers."""
         super().__init__(fleet, plant, mode, bound)
-        self.controller, self.rule, self._is_order = controller, RuleMemory(), is_order
+        self.controller, self.rule, self._grip, self._is_order = controller, RuleMemory(), grip, is_order
 
     @property
     def object_seen(self) -> Seen:
@@ -490,7 +491,7 @@ class GraspCommander(Commander):
             idle = manager.phase == "hover" and manager.done
             if manager.grasper.memory.held:
                 self.rule.mass = manager.grasper.memory.mass
-            manager.command(decide(self.rule, scene, self.object_seen, idle=idle))
+            manager.command(decide(self.rule, scene, self.object_seen, self._grip, idle=idle))
             residual = self._mode.residual(action)
         command = manager.step(seen, residual, self.object_seen)
         self._tell()

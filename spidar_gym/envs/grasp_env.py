@@ -9,7 +9,8 @@ import numpy as np
 
 from spidar_gym.control.flight.observation import Field
 from spidar_gym.control.grasp.observation import grasp_layout
-from spidar_gym.control.grasp.phases import GRASP_PHASES, Seen
+from spidar_gym.control.grasp.phases import GRASP_PHASES, GraspConfig, Seen
+from spidar_gym.control.grasp.rule import TESTED, TOLD
 from spidar_gym.control.grasp.scene import GraspScene, parse_scene
 from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig
@@ -59,6 +60,8 @@ class GraspEnv(SpidarEnv[GraspTask, CoreManager, GraspProgress]):
         preset: str = "steady",
         manager: ManagerConfig | None = None,
         control: str = "core",
+        grip: float | str = TESTED,
+        grasp: GraspConfig | None = None,
         hold: int | None = None,
         **options: Any,  # noqa: ANN401 - fields of the task and arguments of `SpidarEnv`
     ) -> None:
@@ -72,6 +75,9 @@ class GraspEnv(SpidarEnv[GraspTask, CoreManager, GraspProgress]):
             manager: Custom configuration of the controller, the grasp and the transitions between both, in place of a
                 preset; the task's joint speed overrides the one in it.
             control: `core`, the manager that is compiled for the robot, or `python`, the Python manager.
+            grip: How the rule grips: `tested`, as the test lift finds, a force of each foot [N], or `told`, by the true
+                mass and friction, which no robot knows: a ceiling.
+            grasp: Custom heights, speeds and thresholds of the grasp.
             hold: Control periods of 25 ms per step: 20 by default with `order`, whose actions are read every 20
                 periods, and 1 with the others.
             **options: Arguments of the task and of `SpidarEnv`.
@@ -91,10 +97,18 @@ class GraspEnv(SpidarEnv[GraspTask, CoreManager, GraspProgress]):
             flight=controller_config(preset, described), crawl=crawler_config("robust_overlapped", robot=described)
         )
         require_instance(ManagerConfig, manager=base)
+        if grasp is not None:
+            require_instance(GraspConfig, grasp=grasp)
+            base = replace(base, grasp=grasp)
         if base.crawl.gait.robot != described:
             base = replace(base, flight=for_robot(base.flight, described), crawl=for_robot(base.crawl, described))
         self._config = replace(base, flight=replace(base.flight, joint_speed=task.joint_speed))
         require_name("control", control, CONTROLS)
+        if isinstance(grip, bool) or not (
+            grip in (TESTED, TOLD) or (isinstance(grip, int | float) and 1.0 <= grip <= 100.0)
+        ):
+            raise InvalidValueError("grip", grip, "tested, told, or a force of each foot within 1 … 100 N")
+        self._grip = grip
         self._given: GraspScene | None = None
         shared["randomization"] = Randomization.parse(shared.get("randomization", 0.0)).on_level_floors()
         robot = own_robot(shared.pop("plant", None), described)
@@ -116,7 +130,9 @@ class GraspEnv(SpidarEnv[GraspTask, CoreManager, GraspProgress]):
     def _make_commander(self) -> GraspCommander:
         manager = make_manager(self._config, self._control)
         assert isinstance(manager, Manager)
-        return GraspCommander(manager, self.fleet, self.plant, self._mode, self._bound, is_order=self._is_order)
+        return GraspCommander(
+            manager, self.fleet, self.plant, self._mode, self._bound, grip=self._grip, is_order=self._is_order
+        )
 
     @property
     def scene(self) -> GraspScene:
@@ -135,6 +151,7 @@ class GraspEnv(SpidarEnv[GraspTask, CoreManager, GraspProgress]):
         record = np.zeros((), engine_layouts()["grasp_rules"])
         fill(record["manager"], self._config)
         record["is_order"] = self._is_order
+        record["grip"] = {TESTED: 0.0, TOLD: -1.0}.get(str(self._grip), self._grip)
         self._fill_rules(record, truncates=truncates, autoreset=autoreset)
         return record
 

@@ -64,7 +64,7 @@ SIZES = {
 NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("GRIP_", grip, ("LEVER", "LEAD_TIME")), ("CLAW_", claw, ("HIGH", "KNEE", "OPEN", "PRESS", "NARROWEST", "WIDEST")),
     ("GRASP_", phases, ("SAFE_GRIP", "QUINTIC_PEAK")),
-    ("GRASP_RULE_", grasp_rule, ("ABOVE_GOAL", "LIFT", "CARRY_SPEED", "DELIVERED", "FIRST_MASS")),
+    ("GRASP_RULE_", grasp_rule, ("ABOVE_GOAL", "LIFT", "CARRY_SPEED", "DELIVERED", "FIRST_MASS", "MARGIN")),
     ("SCENE_", grasp_scene, ("STAND_MARGIN", "LESS_PER_KG", "GRAVITY")),
     ("", phases, ("STEER_SPEED", "STEER_TURN", "STEER_RADIUS")),
     ("DISC_", interference, ("NEAREST", "FARTHEST")),

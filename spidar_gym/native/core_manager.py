@@ -55,7 +55,7 @@ def waypoint(command: LocomotionCommand) -> np.ndarray:
             command.half_size,
             command.height,
         )
-        record["most_force"], record["mass"] = command.most_force, command.mass
+        record["most_force"], record["mass"], record["force"] = command.most_force, command.mass, command.force
     elif isinstance(command, CarryTo):
         record["position_w"], record["speed"] = command.position_w, command.speed
         record["has_yaw"], record["yaw"] = command.yaw is not None, 0.0 if command.yaw is None else command.yaw

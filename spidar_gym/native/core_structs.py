@@ -252,7 +252,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
          ((0, len(OBJECTS) - 1), FLAG)),
         ("yaw", "f8", (), "heading of the object at the goal [rad]"),
         ("half_size", "f8", (3,), "of the object [m]"),
-        ("most_force mass", "f8", (), "that a foot may press with [N]; until it is measured [kg]"),
+        ("most_force mass force", "f8", (), "of a foot at most [N]; until it is measured [kg]; of a foot or 0 [N]"),
     )),
     CStruct("grasper", "The phases of a grasp.", (
         ("config", "grasp_config", (), ""),

@@ -205,7 +205,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("foot_force_w", "f8", (3 * N_LEGS,), "force of each foot on it in the last physics step, world [N]"),
         ("floor_force_w", "f8", (3,), "force of floor and boxes on the object in it [N]"),
         ("air_force_w air_torque_w", "f8", (3,), "force of the air and its torque about the origin [N], [Nm]"),
-        ("is_hit rests", "i4", (), "parts other than feet have touched it; it stands still, and the robot is away", FLAG),
+        ("is_hit rests", "i4", (), "parts other than feet have touched it; it stands still, the robot is away", FLAG),
     )),
     CStruct("plant", "One simulated robot: configuration and state.", (
         ("config", "plant_config", (), ""),
@@ -434,6 +434,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("placed turned upright at_rest clear_of high", "f8", (), "of a success [m], [rad], [rad], [m/s], [m], [m]"),
         ("field ceiling", "f8", (), "largest distance from the start along x and y, and height [m]"),
         ("is_order decide", "i4", (), "whether an action steers; ticks between its decisions"),
+        ("grip", "f8", (), "force of each foot that the rule orders [N]; 0 as tested, −1 as told"),
     )),
     CStruct("grasp_robot", "A robot that grasps: plant, controller and task.", (
         ("plant", "plant", (), ""),

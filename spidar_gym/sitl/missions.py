@@ -228,7 +228,8 @@ def order_line(command: LocomotionCommand) -> str:
         return f"land {command.floor!r} {command.slope!r}"
     if isinstance(command, Grasp):
         size = " ".join(f"{float(each)!r}" for each in command.half_size)
-        return f"grasp {command.shape} {size} {command.most_force!r} {command.mass!r} {command.height!r}"
+        numbers = (command.most_force, command.mass, command.height, command.force)
+        return f"grasp {command.shape} {size} {' '.join(map(repr, numbers))}"
     if isinstance(command, CarryTo):
         x, y, z = command.position_w
         return f"carry_to {x!r} {y!r} {z!r} {command.speed!r}" + ("" if command.yaw is None else f" {command.yaw!r}")

@@ -243,7 +243,8 @@ class Grasper:
         self.plan = plan_contact(target.shape, target.half_size, seen.quat_wo, float(pose_w[3]), self.robot)
         self.target = target
         self.memory = GraspMemory(end=Setting(pose_w.copy(), form.copy()))
-        self.memory.mass, self.memory.force = target.mass, min(self.config.first_grip, self.most_force)
+        self.memory.mass = target.mass
+        self.memory.force = min(target.force or self.config.first_grip, self.most_force)
         over = float(seen.position_w[2]) + self.plan.height + self.config.above
         self._enter("rise", self._at((float(pose_w[0]), float(pose_w[1]), max(over, float(pose_w[2]))), self.plan.open))
 
@@ -535,7 +536,8 @@ class Grasper:
 
     def _judge(self, view: "_View") -> None:
         """Decide after the test lift: lift, grip harder, carry more, or let go."""
-        m, config = self.memory, self.config
+        assert self.target is not None
+        m, config, is_given = self.memory, self.config, self.target.force > 0.0
         risen = float(view.where[2]) - m.stood
         sag = float(view.where[2] - view.position_w[2]) - m.height
         carried = max(0.0, self.robot.total_mass * (m.total / max(m.count, 1) / max(m.hover, 1.0) - 1.0))
@@ -543,9 +545,9 @@ class Grasper:
         if not slips and risen > 0.5 * config.test_height:
             m.mass, m.held = carried, True
             needed = config.reserve * carried * GRAVITY / (N_LEGS * config.friction)
-            m.force = min(max(m.force, needed), self.most_force)
+            m.force = m.force if is_given else min(max(m.force, needed), self.most_force)
             self._enter("settle", self._shifted(0.0, force=m.force, payload=m.mass), least=config.load_time)
-        elif m.tests >= config.most_tests or (slips and m.force >= self.most_force - 1e-6):
+        elif m.tests >= config.most_tests or (slips and (is_given or m.force >= self.most_force - 1e-6)):
             m.refused = True
             self._enter("unload", self._shifted(-config.test_height, payload=0.0))
         else:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from spidar_gym.control.grasp.phases import Seen
-from spidar_gym.control.grasp.scene import GraspScene
+from spidar_gym.control.grasp.scene import GraspScene, needed_force
 from spidar_gym.control.locomotion.commands import CarryTo, Grasp, LocomotionCommand, Place, Release
 
 TRIES = 3
@@ -17,6 +17,10 @@ LIFT = 0.7
 """Height of the lift [m]."""
 CARRY_SPEED = 0.5
 """Largest speed of the way to the goal [m/s]."""
+TESTED, TOLD = "tested", "told"
+"""How the rule grips: as hard as the test lift finds, or as the true mass and friction need, which no robot knows."""
+MARGIN = 2.0
+"""Force of a grip that is told over the least that holds the object, which four unequal feet share unequally."""
 DELIVERED = 0.1
 """The object is delivered if it is this close to the goal [m]."""
 
@@ -31,26 +35,33 @@ class RuleMemory:
     """Mass that the last test lift measured, or that is assumed [kg]."""
 
 
-def grasp_orders(scene: GraspScene, mass: float) -> list[LocomotionCommand]:
+def grasp_orders(scene: GraspScene, mass: float, grip: float | str = TESTED) -> list[LocomotionCommand]:
     """Return the orders that carry an object to its goal and release it there.
 
     Args:
         scene: The scene; of the object only what can be known is used.
         mass: Mass that is assumed until the test lift has measured it [kg].
+        grip: Force of each foot [N], `TESTED` or `TOLD`.
     """
+    force = float(grip) if isinstance(grip, int | float) else 0.0
+    if grip == TOLD:
+        mass, force = scene.mass, MARGIN * needed_force(scene.mass, scene.com, scene.half_size[0], scene.friction)
     z = scene.floor + scene.top + ABOVE_GOAL
-    grasp = Grasp(scene.shape, scene.half_size, scene.most_force, mass, LIFT)
+    grasp = Grasp(scene.shape, scene.half_size, scene.most_force, mass, LIFT, force)
     carry = CarryTo((scene.goal.x, scene.goal.y, z), scene.goal.yaw, CARRY_SPEED)
     return [grasp, carry, Place(scene.floor), Release()]
 
 
-def decide(memory: RuleMemory, scene: GraspScene, seen: Seen | None, *, idle: bool) -> list[LocomotionCommand]:
+def decide(
+    memory: RuleMemory, scene: GraspScene, seen: Seen | None, grip: float | str = TESTED, *, idle: bool
+) -> list[LocomotionCommand]:
     """Return the orders that the manager is to execute now; none while it works or the object is delivered.
 
     Args:
         memory: The rule's memory, which is changed.
         scene: The scene.
         seen: The object, if it is seen.
+        grip: Force of each foot [N], `TESTED` or `TOLD`.
         idle: Whether the manager hovers without orders.
     """
     if not idle or memory.tries >= TRIES or seen is None:
@@ -59,4 +70,4 @@ def decide(memory: RuleMemory, scene: GraspScene, seen: Seen | None, *, idle: bo
     if memory.tries and math.hypot(x - scene.goal.x, y - scene.goal.y) < DELIVERED:
         return []
     memory.tries += 1
-    return grasp_orders(scene, memory.mass)
+    return grasp_orders(scene, memory.mass, grip)

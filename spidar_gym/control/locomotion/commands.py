@@ -107,6 +107,8 @@ class Grasp:
     """Mass that is assumed until the test lift has measured it [kg]."""
     height: float = 0.7
     """Height of the lift [m]."""
+    force: float = 0.0
+    """Force of each foot [N]; 0 where the test lift is to find it."""
 
     def __post_init__(self) -> None:
         """Raise `InvalidValueError` for numbers out of range."""
@@ -116,6 +118,7 @@ class Grasp:
         require_within(1.0, 1000.0, "N", most_force=self.most_force)
         require_within(0.0, 20.0, "kg", mass=self.mass)
         require_within(0.1, 10.0, "m", height=self.height)
+        require_within(0.0, 100.0, "N", force=self.force)
 
     @property
     def radius(self) -> float:

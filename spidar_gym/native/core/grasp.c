@@ -163,7 +163,7 @@ void sp_grasp_begin(const sp_robot *robot, sp_grasper *g, const sp_waypoint *tar
     sp_copy(m->end.pose_w, pose_w, 4);
     sp_copy(m->end.form, form, SP_JOINTS);
     m->mass = target->mass;
-    m->force = sp_min(g->config.first_grip, most_force(g));
+    m->force = sp_min(g->target.force > 0.0 ? g->target.force : g->config.first_grip, most_force(g));
     sp_setting rise = with_form(m->end, g->plan.open);
     rise.pose_w[2] = sp_max(seen->position_w[2] + g->plan.height + g->config.above, pose_w[2]);
     enter(g, SP_GRASP_RISE, rise, 0.0, 0.0);
@@ -257,7 +257,14 @@ void sp_grasp_steer(const sp_robot *robot, sp_grasper *g, const sp_waypoint *tar
 
 /* ---- the rule ---- */
 
-int sp_grasp_rule(const sp_grasp_scene *scene, const sp_seen *seen, int idle, sp_rule_memory *memory, sp_waypoint *orders)
+double sp_needed_force(const sp_grasp_scene *scene)
+{
+    double off = (fabs(scene->com[0]) + fabs(scene->com[1])) / scene->half_size[0];
+    return scene->mass * SP_SCENE_GRAVITY * (1.0 + off) / (4.0 * scene->friction);
+}
+
+int sp_grasp_rule(const sp_grasp_scene *scene, const sp_seen *seen, int idle, double grip, sp_rule_memory *memory,
+                  sp_waypoint *orders)
 {
     double dx = seen->position_w[0] - scene->goal.x, dy = seen->position_w[1] - scene->goal.y;
     if (!idle || memory->tries >= SP_GRASP_TRIES) return 0;
@@ -265,6 +272,12 @@ int sp_grasp_rule(const sp_grasp_scene *scene, const sp_seen *seen, int idle, sp
     memory->tries++;
     memset(orders, 0, 4 * sizeof *orders);
     sp_grasp_order(scene, memory->mass, &orders[0]);
+    if (grip == SP_TOLD) {
+        orders[0].mass = scene->mass;
+        orders[0].force = SP_GRASP_RULE_MARGIN * sp_needed_force(scene);
+    } else {
+        orders[0].force = grip;
+    }
     orders[1].kind = SP_LOCOMOTION_CARRY_TO;
     orders[1].position_w[0] = scene->goal.x;
     orders[1].position_w[1] = scene->goal.y;
@@ -337,15 +350,15 @@ static void judge(const sp_robot *robot, sp_grasper *g, double risen, double sag
     const sp_grasp_config *c = &g->config;
     int count = m->count > 1 ? m->count : 1;
     double carried = sp_max(0.0, robot->weight / robot->gravity * (m->total / count / sp_max(m->hover, 1.0) - 1.0));
-    int slips = sag < -c->slip;
+    int slips = sag < -c->slip, is_given = g->target.force > 0.0;
     m->tests++;
     if (!slips && risen > 0.5 * c->test_height) {
         m->mass = carried;
         m->held = 1;
         double needed = c->reserve * carried * robot->gravity / (SP_LEGS * c->friction);
-        m->force = sp_min(sp_max(m->force, needed), most_force(g));
+        if (!is_given) m->force = sp_min(sp_max(m->force, needed), most_force(g));
         enter(g, SP_GRASP_SETTLE, with_payload(with_force(m->end, m->force), m->mass), 0.0, c->load_time);
-    } else if (m->tests >= c->most_tests || (slips && m->force >= most_force(g) - 1e-6)) {
+    } else if (m->tests >= c->most_tests || (slips && (is_given || m->force >= most_force(g) - 1e-6))) {
         m->refused = 1;
         enter(g, SP_GRASP_UNLOAD, with_payload(shifted(g, -c->test_height), 0.0), 0.0, 0.0);
     } else {

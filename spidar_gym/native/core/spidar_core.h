@@ -73,7 +73,10 @@ void sp_grasp_abandon(sp_grasper *grasper);
 void sp_grasp_steer(const sp_robot *robot, sp_grasper *grasper, const sp_waypoint *target, const double *action,
                     const double *pose_w, const double *form, double seconds);
 void sp_grasp_order(const sp_grasp_scene *scene, double mass, sp_waypoint *order);
-int sp_grasp_rule(const sp_grasp_scene *scene, const sp_seen *seen, int idle, sp_rule_memory *memory,
+/* Least equal force of four feet that holds the object of a scene [N]. */
+double sp_needed_force(const sp_grasp_scene *scene);
+#define SP_TOLD (-1.0) /* a grip by the true mass and friction */
+int sp_grasp_rule(const sp_grasp_scene *scene, const sp_seen *seen, int idle, double grip, sp_rule_memory *memory,
                   sp_waypoint *orders); /* number of orders, 0 or 4 */
 int sp_grasp_presses(const sp_grasper *grasper);
 int sp_grasp_leaves(const sp_grasper *grasper);

@@ -45,10 +45,8 @@ void sp_draw_scene(const sp_grasp_rules *rules, sp_generator *generator, sp_gras
         scene->stand = between(generator, rules->stand);
         scene->floor = between(generator, rules->floor);
         for (int i = 0; i < 3; i++) scene->bias[i] = sp_uniform(generator, -rules->bias, rules->bias);
-        double off = (fabs(scene->com[0]) + fabs(scene->com[1])) / a;
-        double needed = scene->mass * SP_SCENE_GRAVITY * (1.0 + off) / (4.0 * scene->friction);
         double most = SP_GRASP_SAFE_GRIP - SP_SCENE_LESS_PER_KG * scene->mass;
-        if (rules->reserve * needed <= sp_min(scene->most_force, most)) return;
+        if (rules->reserve * sp_needed_force(scene) <= sp_min(scene->most_force, most)) return;
     }
 }
 
@@ -310,7 +308,7 @@ static void act(const sp_grasp_rules *rules, sp_room *room, sp_grasp_robot *g)
     } else {
         int idle = manager->memory.phase == SP_MANAGER_HOVER && sp_manager_done(manager);
         if (manager->grasper.memory.held) g->rule.mass = manager->grasper.memory.mass;
-        int n = sp_grasp_rule(&g->scene, &g->seen, idle, &g->rule, orders);
+        int n = sp_grasp_rule(&g->scene, &g->seen, idle, rules->grip, &g->rule, orders);
         for (int k = 0; k < n; k++) sp_manager_command(manager, &orders[k]);
         sp_make_residual(episode->action, mode->authority, mode->size, mode->channels, &episode->residual);
         residual = &episode->residual;

@@ -46,6 +46,7 @@
 #define SP_GRASP_RULE_CARRY_SPEED 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.grasp.rule.CARRY_SPEED */
 #define SP_GRASP_RULE_DELIVERED 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.grasp.rule.DELIVERED */
 #define SP_GRASP_RULE_FIRST_MASS 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.grasp.rule.FIRST_MASS */
+#define SP_GRASP_RULE_MARGIN 0x1.0000000000000p+1 /* 2.0, spidar_gym.control.grasp.rule.MARGIN */
 #define SP_SCENE_STAND_MARGIN 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.grasp.scene.STAND_MARGIN */
 #define SP_SCENE_LESS_PER_KG 0x1.8000000000000p+0 /* 1.5, spidar_gym.control.grasp.scene.LESS_PER_KG */
 #define SP_SCENE_GRAVITY 0x1.39eb851eb851fp+3 /* 9.81, spidar_gym.control.grasp.scene.GRAVITY */

@@ -346,7 +346,7 @@ typedef struct {
     double foot_force_w[12]; /* force of each foot on it in the last physics step, world [N] */
     double floor_force_w[3]; /* force of floor and boxes on the object in it [N] */
     double air_force_w[3], air_torque_w[3]; /* force of the air and its torque about the origin [N], [Nm] */
-    int32_t is_hit, rests; /* parts other than feet have touched it; it stands still, and the robot is away */
+    int32_t is_hit, rests; /* parts other than feet have touched it; it stands still, the robot is away */
 } sp_object_state;
 
 /* One simulated robot: configuration and state. */
@@ -663,6 +663,7 @@ typedef struct {
     double placed, turned, upright, at_rest, clear_of, high; /* of a success [m], [rad], [rad], [m/s], [m], [m] */
     double field, ceiling; /* largest distance from the start along x and y, and height [m] */
     int32_t is_order, decide; /* whether an action steers; ticks between its decisions */
+    double grip; /* force of each foot that the rule orders [N]; 0 as tested, −1 as told */
 } sp_grasp_rules;
 
 /* A robot that grasps: plant, controller and task. */

@@ -653,7 +653,7 @@ typedef struct {
     int32_t shape, has_yaw; /* of the object, as in `OBJECTS`; whether `yaw` is valid */
     double yaw; /* heading of the object at the goal [rad] */
     double half_size[3]; /* of the object [m] */
-    double most_force, mass; /* that a foot may press with [N]; until it is measured [kg] */
+    double most_force, mass, force; /* of a foot at most [N]; until it is measured [kg]; of a foot or 0 [N] */
 } sp_waypoint;
 
 /* The phases of a grasp. */

@@ -119,20 +119,22 @@ static const char *read_fly_to(const sp_mission *m, sp_waypoint *o, char **words
 static const char *read_grasp(const sp_mission *m, sp_waypoint *o, char **words, int count)
 {
     static const char *const shapes[] = {"box", "cylinder", "ball"};
-    double v[6];
+    double v[7];
     int shape = 0;
     while (count > 1 && shape < 3 && strcmp(words[1], shapes[shape]) != 0) shape++;
-    if (count != 8 || shape == 3 || !sp_numbers(words + 1, 7, 6, v))
-        return "grasp box|cylinder|ball, half of length, width, height [m], FORCE of a foot [N], MASS [kg], HEIGHT [m]";
+    if (count != 9 || shape == 3 || !sp_numbers(words + 1, 8, 7, v))
+        return "grasp box|cylinder|ball, half of length, width, height [m], largest FORCE of a foot [N], MASS [kg], HEIGHT [m], "
+               "FORCE of a foot [N], 0 as tested";
     for (int i = 0; i < 3; i++)
         if (!within(v[i], 0.05, 2.0)) return "half sizes within 0.05 … 2 m";
     if (!within(v[3], 1.0, 1000.0)) return "a force within 1 … 1000 N";
     if (!within(v[4], 0.0, 20.0)) return "a mass within 0 … 20 kg";
     if (!within(v[5], 0.1, 10.0)) return "a height of the lift within 0.1 … 10 m";
+    if (!within(v[6], 0.0, 100.0)) return "a force within 0 … 100 N";
     o->kind = SP_LOCOMOTION_GRASP;
     o->shape = shape;
     sp_copy(o->half_size, v, 3);
-    o->most_force = v[3], o->mass = v[4], o->height = v[5];
+    o->most_force = v[3], o->mass = v[4], o->height = v[5], o->force = v[6];
     return sp_refuse_object(&m->robot, o);
 }
 
