@@ -41,9 +41,9 @@ QUINTIC_PEAK = 1.875
 class GraspConfig:
     """Heights, speeds and thresholds of a grasp."""
 
-    above: float = 0.35
+    above: float = 0.55
     """Height over the place of the grip at which the robot comes over an object, and to which it leaves [m]."""
-    reach_speed: float = 0.3
+    reach_speed: float = 0.6
     """Largest speed of the torso to and over an object [m/s]."""
     near_speed: float = 0.2
     """Largest speed of the torso while its feet surround an object that stands [m/s]."""
@@ -57,6 +57,8 @@ class GraspConfig:
     """Force of the grip after the test over the least that holds the object with `friction`."""
     friction: float = 0.5
     """Friction that is assumed then, if the test did not tell a lower one."""
+    close_time: float = 2.0
+    """Time in which the feet come to the object at least [s]: faster ones knock it."""
     grip_time: float = 1.0
     """Time in which the grip grows or ends [s]."""
     load_time: float = 0.7
@@ -474,7 +476,8 @@ class Grasper:
         m, plan = self.memory, self.plan
         assert plan is not None
         m.hover = m.total / max(m.count, 1)
-        self._enter("close", self._at(self._home(view.where, 0.0), plan.pressed))
+        closed = self._at(self._home(view.where, 0.0), plan.pressed)
+        self._enter("close", closed, least=self.config.close_time)
 
     def _grip_now(self, view: "_View") -> None:
         del view

@@ -404,7 +404,7 @@ static void go_on(const sp_robot *robot, sp_grasper *g, const double *position_w
         m->hover = m->total / (m->count > 1 ? m->count : 1);
         sp_copy(end.pose_w, where, 3);
         end.pose_w[2] += plan->height;
-        enter(g, SP_GRASP_CLOSE, with_form(end, plan->pressed), 0.0, 0.0);
+        enter(g, SP_GRASP_CLOSE, with_form(end, plan->pressed), 0.0, c->close_time);
         break;
     case SP_GRASP_CLOSE:
     case SP_GRASP_BACK:

@@ -284,6 +284,7 @@ typedef struct {
     double more_grip; /* Increase of that force after a test in which the feet slipped [N]. */
     double reserve; /* Force of the grip after the test over the least that holds the object with `friction`. */
     double friction; /* Friction that is assumed then, if the test did not tell a lower one. */
+    double close_time; /* Time in which the feet come to the object at least [s]: faster ones knock it. */
     double grip_time; /* Time in which the grip grows or ends [s]. */
     double load_time; /* Time in which the payload grows or ends [s]. */
     double test_height; /* Height of the test lift [m]. */
