@@ -145,7 +145,7 @@ class Learned:
         given = None if residual is None else residual.pointer
         if isinstance(self.controller, CoreFlightController):
             self.library.sp_flight_step(
-                self.controller._flight.pointer, self["robot_state"], self["reference"], given, self["control_state"],
+                self.controller._flight.pointer, self["robot_state"], self["reference"], given, self["control_state"], None,
                 self.controller.room.pointer, self["command"],
             )  # fmt: skip
         else:
