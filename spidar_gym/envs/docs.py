@@ -414,6 +414,9 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "preset": "controller: " + ", ".join(f"`{n}`" for n in own.presets),
         "gait": "crawler: " + ", ".join(f"`{n}`" for n in CRAWL_PRESETS),
         "manager": "custom `ManagerConfig` in place of both presets",
+        "grip": "how the rule grips: `tested`, as the test lift finds; a force of each foot [N]; or `told`, by the "
+        "true mass and friction, a ceiling",
+        "grasp": "custom `GraspConfig`: heights, speeds and thresholds of the grasp",
         "controller": f"custom `{own.controller}` in place of a preset",
         "allocator": "custom subclass of `Allocator` in place of the QP",
         "law": f"custom subclass of `{own.law}` in place of the paper's",

@@ -27,7 +27,7 @@ from spidar_gym.control.grasp import scene as grasp_scene
 from spidar_gym.control.locomotion import commands as locomotion
 from spidar_gym.control.locomotion import manager, orders
 from spidar_gym.model import interference, rotor
-from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
+from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, spec
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
 
 ONBOARD_ITERATIONS = 300
@@ -62,10 +62,12 @@ SIZES = {
 }  # fmt: skip
 """Integers by their names in C without `SP_`."""
 NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
-    ("GRIP_", grip, ("LEVER", "LEAD_TIME")), ("CLAW_", claw, ("HIGH", "KNEE", "OPEN", "PRESS", "NARROWEST", "WIDEST")),
+    ("GRIP_", grip, ("LEVER", "LEAD_TIME")),
+    ("CLAW_", claw, ("HIGHEST", "KNEE", "OPEN", "PRESS", "NARROWEST", "WIDEST")),
     ("GRASP_", phases, ("SAFE_GRIP", "QUINTIC_PEAK")),
     ("GRASP_RULE_", grasp_rule, ("ABOVE_GOAL", "LIFT", "CARRY_SPEED", "DELIVERED", "FIRST_MASS", "MARGIN")),
-    ("SCENE_", grasp_scene, ("STAND_MARGIN", "LESS_PER_KG", "GRAVITY")),
+    ("SCENE_", grasp_scene, ("STAND_MARGIN", "STAND_SHARE", "CHOCK", "LEAN", "LESS_PER_KG")),
+    ("", spec, ("GRAVITY",)),
     ("", phases, ("STEER_SPEED", "STEER_TURN", "STEER_RADIUS")),
     ("DISC_", interference, ("NEAREST", "FARTHEST")),
     ("", flight_controller, ("CONTROL_RATE",)),

@@ -163,7 +163,7 @@ class Engine:
         model = self.simulations[0].model
         highest = {
             "geom_sameframe": len(mujoco.mjtSameFrame.__members__) - 1,
-            "geom_type": max(mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER),
+            "geom_type": max(int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_CYLINDER)),
             "body_geomnum": np.bincount(model.geom_bodyid, minlength=model.nbody),
         }
         for name, (_, size, at) in zip(self._names, self._pieces[0].tolist(), strict=True):

@@ -80,7 +80,7 @@ ENGINE_SIZES = {
 """Numbers by their names in C without `SP_`."""
 ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", scene, ("TIMESTEP",)),
-    ("", object, ("STILL", "STILL_AIR")),
+    ("", object, ("RESTING", "STILL_AIR", "REST_SHARE", "REST_LEVER")),
     ("", air, ("AIR_DENSITY", "BLUFF", "LINK_SEGMENT", "REACH", "SPREAD", "STACKING_RADIUS")),
     ("JET_", air, ("NEAR", "LEAST_THRUST")),
     ("", actuators, ("NOISE_BANDWIDTH", "STICKING")),
@@ -205,7 +205,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("foot_force_w", "f8", (3 * N_LEGS,), "force of each foot on it in the last physics step, world [N]"),
         ("floor_force_w", "f8", (3,), "force of floor and boxes on the object in it [N]"),
         ("air_force_w air_torque_w", "f8", (3,), "force of the air and its torque about the origin [N], [Nm]"),
-        ("is_hit rests", "i4", (), "parts other than feet have touched it; it stands still, the robot is away", FLAG),
+        ("is_hit rests", "i4", (), "touched by more than feet; at rest, the robot away", FLAG),
     )),
     CStruct("plant", "One simulated robot: configuration and state.", (
         ("config", "plant_config", (), ""),
@@ -432,6 +432,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
          "of jets on faces; largest error and noise of the seen object [m], [m], [rad]"),
         ("begin_height reserve", "f8", (), "of the torso at the start [m]; of the grip's limit over what is needed"),
         ("placed turned upright at_rest clear_of high", "f8", (), "of a success [m], [rad], [rad], [m/s], [m], [m]"),
+        ("force_time touch", "f8", (), "of the mean force of a foot [s]; from which a foot touches [N]"),
         ("field ceiling", "f8", (), "largest distance from the start along x and y, and height [m]"),
         ("is_order decide", "i4", (), "whether an action steers; ticks between its decisions"),
         ("grip", "f8", (), "force of each foot that the rule orders [N]; 0 as tested, −1 as told"),

@@ -25,8 +25,11 @@ FACE = 12
 FACES, FACE_PATCHES = 6, FACE**2
 N_PATCHES = FACES * FACE_PATCHES
 """Faces of the cube, patches of each, and of all."""
-STILL, STILL_AIR = 1e-3, 1e-3
+RESTING, STILL_AIR = 1e-3, 1e-3
 """Speeds below which a standing object is at rest [m/s], [rad/s], and the pressure of the air is neglected [m/s]."""
+REST_SHARE, REST_LEVER = 0.5, 0.1
+"""An object rests as long as the air pushes it with less than this share of the friction's limit, and moves the floor's
+force by less than this share of its half width."""
 PATCH = 7
 """Numbers of a patch: position, outward normal, area."""
 

@@ -49,6 +49,8 @@ DROPPED = 1.0
 BROKEN = 1.5
 """An object breaks when the mean force of a foot over a tenth of a second exceeds the one that it bears by this
 factor."""
+FORCE_TIME, TOUCH = 0.1, 0.2
+"""Time of the mean of the forces of the feet [s], and mean force from which a foot touches the object [N]."""
 MAX_TILT = 1.2
 """A larger tilt ends the episode [rad]."""
 MOST_POWER = 8000.0
@@ -205,5 +207,5 @@ class GraspTask(Task[GraspRobots]):
         write_constants(
             rules, globals(),
             "distance turn goal_distance goal_turn goal_yaw bias noise turn_noise begin_height reserve decide "
-            "placed turned upright at_rest clear_of high field ceiling",
+            "placed turned upright at_rest clear_of high force_time touch field ceiling",
         )  # fmt: skip

@@ -145,8 +145,8 @@ class Learned:
         given = None if residual is None else residual.pointer
         if isinstance(self.controller, CoreFlightController):
             self.library.sp_flight_step(
-                self.controller._flight.pointer, self["robot_state"], self["reference"], given, self["control_state"], None,
-                self.controller.room.pointer, self["command"],
+                self.controller._flight.pointer, self["robot_state"], self["reference"], given, self["control_state"],
+                None, self.controller.room.pointer, self["command"],
             )  # fmt: skip
         else:
             self.library.sp_crawl_step(

@@ -9,7 +9,7 @@ from spidar_gym.arrays import JointVector, Quaternion, Vector3
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.robot import N_LEGS, ROBOT, RobotSpec
 
-HIGH = -0.78
+HIGHEST = -0.78
 """Greatest height of the feet from the torso's origin [m]: above it the inner ducts come near the object."""
 KNEE = 1.5
 """Largest angle of a knee that presses [rad]: the rest of the joint's range is for the setpoint of a torque."""
@@ -46,7 +46,7 @@ def claw_height(radius: float, robot: RobotSpec = ROBOT) -> float:
     inner, outer = robot.pitch_to_yaw + robot.yaw_to_pitch, robot.pitch_to_foot
     out = radius - math.sqrt(2.0) * robot.yaw_axis_xy - robot.yaw_to_pitch
     square = inner**2 + outer**2 + 2.0 * inner * outer * math.cos(KNEE) - out**2
-    return min(HIGH, robot.yaw_axis_z - math.sqrt(max(square, 0.0)))
+    return min(HIGHEST, robot.yaw_axis_z - math.sqrt(max(square, 0.0)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,10 @@ from spidar_gym.robot import GRAVITY
 
 STAND_MARGIN = 0.05
 """Width by which the stand at the goal is wider than the object on each side [m]; that at the start is narrower."""
+STAND_SHARE = 0.7
+"""Half width of the stand at the start, less the margin, over that of the object: no corner is beyond a turned side."""
+CHOCK, LEAN = 0.02, 0.5
+"""Half width of the blocks around a ball [m], and how far from below they touch it [rad]."""
 LESS_PER_KG = 1.5
 """By how much a kilogram that is carried lowers the largest grip of legs and thrust, by a linear program [N/kg]."""
 HEIGHTS = 0.0, 1.0

@@ -17,7 +17,9 @@ SPEEDS = 0.05, 1.5
 STEEPEST = math.radians(12.0)
 """Steepest floor for a landing [rad]; on the track's slope of 10° all requirements are met."""
 HEIGHTS = 0.1, 10.0
-"""Smallest and largest height of a take-off [m]."""
+"""Smallest and largest height of a take-off, and of a lift [m]."""
+SIZES, FORCES, MOST_MASS = (0.05, 2.0), (1.0, 1000.0), 20.0
+"""Ranges of half sizes of an object [m] and of the force that it bears [N], and its largest mass [kg]."""
 
 
 @dataclass(frozen=True)
@@ -113,12 +115,14 @@ class Grasp:
     def __post_init__(self) -> None:
         """Raise `InvalidValueError` for numbers out of range."""
         require_name("shape", self.shape, OBJECTS)
-        if np.shape(self.half_size) != (3,) or not all(0.05 <= each <= 2.0 for each in np.asarray(self.half_size)):
+        if np.shape(self.half_size) != (3,) or not all(
+            SIZES[0] <= each <= SIZES[1] for each in np.asarray(self.half_size)
+        ):
             raise InvalidValueError("half_size", np.asarray(self.half_size).tolist(), "three lengths within 0.05 … 2 m")
-        require_within(1.0, 1000.0, "N", most_force=self.most_force)
-        require_within(0.0, 20.0, "kg", mass=self.mass)
-        require_within(0.1, 10.0, "m", height=self.height)
-        require_within(0.0, 100.0, "N", force=self.force)
+        require_within(*FORCES, "N", most_force=self.most_force)
+        require_within(0.0, MOST_MASS, "kg", mass=self.mass)
+        require_within(*HEIGHTS, "m", height=self.height)
+        require_within(0.0, FORCES[1], "N", force=self.force)
 
     @property
     def radius(self) -> float:

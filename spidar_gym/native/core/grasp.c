@@ -9,7 +9,7 @@ static double claw_height(const sp_robot *r, double radius)
     double inner = r->pitch_to_yaw + r->yaw_to_pitch, outer = r->pitch_to_foot;
     double out = radius - sqrt(2.0) * r->yaw_axis_xy - r->yaw_to_pitch;
     double square = inner * inner + outer * outer + 2.0 * inner * outer * cos(SP_CLAW_KNEE) - out * out;
-    return sp_min(SP_CLAW_HIGH, r->yaw_axis_z - sqrt(sp_max(square, 0.0)));
+    return sp_min(SP_CLAW_HIGHEST, r->yaw_axis_z - sqrt(sp_max(square, 0.0)));
 }
 
 /* Joint angles with all feet on a circle; 0 if they do not reach it. */
@@ -260,7 +260,7 @@ void sp_grasp_steer(const sp_robot *robot, sp_grasper *g, const sp_waypoint *tar
 double sp_needed_force(const sp_grasp_scene *scene)
 {
     double off = (fabs(scene->com[0]) + fabs(scene->com[1])) / scene->half_size[0];
-    return scene->mass * SP_SCENE_GRAVITY * (1.0 + off) / (4.0 * scene->friction);
+    return scene->mass * SP_GRAVITY * (1.0 + off) / (4.0 * scene->friction);
 }
 
 int sp_grasp_rule(const sp_grasp_scene *scene, const sp_seen *seen, int idle, double grip, sp_rule_memory *memory,

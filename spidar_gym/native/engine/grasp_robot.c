@@ -62,8 +62,8 @@ static double *put_stand(double *row, sp_pose2 at, double half_width, double hei
 /* Blocks around the foot of a ball, which keep it in its place. */
 static double *put_chocks(double *row, sp_pose2 at, double radius, double floor)
 {
-    const double lean = 0.5, thick = 0.02; /* they touch the ball this far from below [rad]; half of their width [m] */
-    double far = radius * sin(lean) + thick, high = radius * (1.0 - cos(lean));
+    const double thick = SP_SCENE_CHOCK;
+    double far = radius * sin(SP_SCENE_LEAN) + thick, high = radius * (1.0 - cos(SP_SCENE_LEAN));
     for (int k = 0; k < 4; k++) {
         double turn = at.yaw + k * SP_HALF_PI;
         const double box[7] = {at.x + far * cos(turn), at.y + far * sin(turn), floor + 0.5 * high,
@@ -88,7 +88,7 @@ static void build(const sp_grasp_rules *rules, const sp_grasp_scene *scene, sp_p
     o->pressure = rules->pressure;
     double *row = config->ground.boxes, a = scene->half_size[0];
     sp_zero(row, 7 * SP_BOXES);
-    row = put_stand(row, scene->start, 0.7 * a - SP_SCENE_STAND_MARGIN, scene->stand); /* no corner beyond a side */
+    row = put_stand(row, scene->start, SP_SCENE_STAND_SHARE * a - SP_SCENE_STAND_MARGIN, scene->stand); /* no corner beyond a side */
     row = put_stand(row, scene->goal, a + SP_SCENE_STAND_MARGIN, scene->floor);
     if (scene->shape != SP_OBJECT_BALL) return;
     sp_pose2 start = scene->start, goal = scene->goal;
@@ -157,10 +157,10 @@ static void feet_from(const sp_robot *robot, const sp_grasp_robot *g, double *ga
 }
 
 /* Update the episode's statistics after a control period. */
-static void advance(sp_grasp_robot *g)
+static void advance(const sp_grasp_rules *rules, sp_grasp_robot *g)
 {
     const sp_object_state *o = &g->plant.object;
-    double smoothing = 1.0 - exp(-1.0 / (0.1 * SP_CONTROL_RATE)), R[9];
+    double smoothing = 1.0 - exp(-1.0 / (rules->force_time * SP_CONTROL_RATE)), R[9];
     g->controls++;
     sp_from_quat(g->plant.state.quat_wb, R);
     g->tilt = acos(sp_clip(R[8], -1.0, 1.0));
@@ -183,10 +183,10 @@ static void count(const sp_grasp_rules *rules, const sp_robot *robot, const sp_g
     sp_count_episode(&rules->rules, &g->plant, &g->episode, g->controls, &q->common);
     feet_from(robot, g, &q->gap, &q->clear);
     for (int i = 0; i < 3; i++) hold[i] = o->position_w[i] - position[i];
-    hold[2] += g->manager.grasper.plan.height > 0.0 ? g->manager.grasper.plan.height : -SP_CLAW_HIGH;
+    hold[2] += g->manager.grasper.plan.height > 0.0 ? g->manager.grasper.plan.height : -SP_CLAW_HIGHEST;
     q->reach = sp_norm(hold);
     q->touching = 0.0;
-    for (int leg = 0; leg < SP_LEGS; leg++) q->touching += g->force[leg] > 0.2;
+    for (int leg = 0; leg < SP_LEGS; leg++) q->touching += g->force[leg] > rules->touch;
     q->lifted = o->position_w[2] - g->stood;
     q->most_lifted = g->most_lifted;
     q->position_error = place_error(g);
@@ -404,7 +404,7 @@ static int move(sp_engine *e, const sp_grasp_rules *rules, sp_thread *thread, sp
     sp_leave(&thread->sim, &g->plant);
     if (g->plant.diverged) return 0;
     sp_look(thread->room->robot, &rules->rules, &g->plant, &g->episode);
-    advance(g);
+    advance(rules, g);
     count(rules, thread->room->robot, g, &now);
     if (!is_there(rules, &now)) g->arrived = 0.0;
     else if (g->arrived == 0.0) g->arrived = g->controls / SP_CONTROL_RATE;

@@ -113,12 +113,12 @@ static int is_away(const sp_world *world, const sp_sim *sim, const sp_object_con
  * ball rests between blocks only. */
 static int is_held_by_floor(const sp_world *world, const sp_object_config *c, const sp_object_state *o)
 {
-    const double *F = o->air_force_w, *T = o->air_torque_w, reserve = 2.0, lever = 0.1;
-    double pressed = c->mass * SP_SCENE_GRAVITY - F[2], across = sqrt(F[0] * F[0] + F[1] * F[1]), scale[3];
+    const double *F = o->air_force_w, *T = o->air_torque_w, lever = SP_REST_LEVER;
+    double pressed = c->mass * SP_GRAVITY - F[2], across = sqrt(F[0] * F[0] + F[1] * F[1]), scale[3];
     int is_ball = c->shape == SP_SHAPE_BALL;
     if (is_ball && world->box[0] < 0) return 0;
     sp_object_scale(c, scale);
-    double most = (is_ball ? sp_min(c->friction, 0.5) : c->friction) * pressed / reserve;
+    double most = (is_ball ? sp_min(c->friction, 0.5) : c->friction) * pressed * SP_REST_SHARE;
     return across <= most && sqrt(T[0] * T[0] + T[1] * T[1]) + scale[2] * across <= lever * sp_min(scale[0], scale[1]) * pressed &&
            fabs(T[2]) <= lever * most * sp_min(scale[0], scale[1]);
 }
@@ -129,11 +129,11 @@ void sp_watch_object(const sp_world *world, const sp_sim *sim, int left, double 
 {
     sp_object_state *o = &p->object;
     const sp_object_config *c = &p->config.object;
-    double weight = c->mass * SP_SCENE_GRAVITY;
+    double weight = c->mass * SP_GRAVITY;
     if (left) {
         for (int i = 0; i < 3; i++) o->floor_force_w[i] = -o->air_force_w[i];
         o->floor_force_w[2] += weight;
     }
-    o->rests = p->floor_R[8] == 1.0 && sp_norm(o->velocity_w) < SP_STILL && sp_norm(o->omega_o) < SP_STILL &&
+    o->rests = p->floor_R[8] == 1.0 && sp_norm(o->velocity_w) < SP_RESTING && sp_norm(o->omega_o) < SP_RESTING &&
                o->floor_force_w[2] > 0.5 * weight && is_held_by_floor(world, c, o) && is_away(world, sim, c, apart);
 }

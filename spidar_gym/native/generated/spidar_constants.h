@@ -33,7 +33,7 @@
 #define SP_CLOCK_TICKS 80
 #define SP_GRIP_LEVER 0x1.3333333333333p+0 /* 1.2, spidar_gym.control.grasp.grip.LEVER */
 #define SP_GRIP_LEAD_TIME 0x1.3333333333333p-2 /* 0.3, spidar_gym.control.grasp.grip.LEAD_TIME */
-#define SP_CLAW_HIGH -0x1.8f5c28f5c28f6p-1 /* -0.78, spidar_gym.control.grasp.claw.HIGH */
+#define SP_CLAW_HIGHEST -0x1.8f5c28f5c28f6p-1 /* -0.78, spidar_gym.control.grasp.claw.HIGHEST */
 #define SP_CLAW_KNEE 0x1.8000000000000p+0 /* 1.5, spidar_gym.control.grasp.claw.KNEE */
 #define SP_CLAW_OPEN 0x1.47ae147ae147bp-3 /* 0.16, spidar_gym.control.grasp.claw.OPEN */
 #define SP_CLAW_PRESS 0x1.47ae147ae147bp-8 /* 0.005, spidar_gym.control.grasp.claw.PRESS */
@@ -48,8 +48,11 @@
 #define SP_GRASP_RULE_FIRST_MASS 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.grasp.rule.FIRST_MASS */
 #define SP_GRASP_RULE_MARGIN 0x1.0000000000000p+1 /* 2.0, spidar_gym.control.grasp.rule.MARGIN */
 #define SP_SCENE_STAND_MARGIN 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.grasp.scene.STAND_MARGIN */
+#define SP_SCENE_STAND_SHARE 0x1.6666666666666p-1 /* 0.7, spidar_gym.control.grasp.scene.STAND_SHARE */
+#define SP_SCENE_CHOCK 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.control.grasp.scene.CHOCK */
+#define SP_SCENE_LEAN 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.grasp.scene.LEAN */
 #define SP_SCENE_LESS_PER_KG 0x1.8000000000000p+0 /* 1.5, spidar_gym.control.grasp.scene.LESS_PER_KG */
-#define SP_SCENE_GRAVITY 0x1.39eb851eb851fp+3 /* 9.81, spidar_gym.control.grasp.scene.GRAVITY */
+#define SP_GRAVITY 0x1.39eb851eb851fp+3 /* 9.81, spidar_gym.robot.spec.GRAVITY */
 #define SP_STEER_SPEED 0x1.999999999999ap-2 /* 0.4, spidar_gym.control.grasp.phases.STEER_SPEED */
 #define SP_STEER_TURN 0x1.999999999999ap-2 /* 0.4, spidar_gym.control.grasp.phases.STEER_TURN */
 #define SP_DISC_NEAREST 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.model.interference.NEAREST */

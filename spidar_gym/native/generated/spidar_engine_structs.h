@@ -34,8 +34,10 @@
 #define SP_STATE_START 2337405405u /* spidar_gym.native.draws */
 #define SP_STATE_FACTOR 1492356589 /* spidar_gym.native.draws */
 #define SP_TIMESTEP 0x1.47ae147ae147bp-9 /* 0.0025, spidar_gym.sim.scene.TIMESTEP */
-#define SP_STILL 0x1.0624dd2f1a9fcp-10 /* 0.001, spidar_gym.sim.object.STILL */
+#define SP_RESTING 0x1.0624dd2f1a9fcp-10 /* 0.001, spidar_gym.sim.object.RESTING */
 #define SP_STILL_AIR 0x1.0624dd2f1a9fcp-10 /* 0.001, spidar_gym.sim.object.STILL_AIR */
+#define SP_REST_SHARE 0x1.0000000000000p-1 /* 0.5, spidar_gym.sim.object.REST_SHARE */
+#define SP_REST_LEVER 0x1.999999999999ap-4 /* 0.1, spidar_gym.sim.object.REST_LEVER */
 #define SP_AIR_DENSITY 0x1.399999999999ap+0 /* 1.225, spidar_gym.sim.air.AIR_DENSITY */
 #define SP_BLUFF 0x1.199999999999ap+0 /* 1.1, spidar_gym.sim.air.BLUFF */
 #define SP_LINK_SEGMENT 0x1.70a3d70a3d70ap-3 /* 0.18, spidar_gym.sim.air.LINK_SEGMENT */
@@ -346,7 +348,7 @@ typedef struct {
     double foot_force_w[12]; /* force of each foot on it in the last physics step, world [N] */
     double floor_force_w[3]; /* force of floor and boxes on the object in it [N] */
     double air_force_w[3], air_torque_w[3]; /* force of the air and its torque about the origin [N], [Nm] */
-    int32_t is_hit, rests; /* parts other than feet have touched it; it stands still, the robot is away */
+    int32_t is_hit, rests; /* touched by more than feet; at rest, the robot away */
 } sp_object_state;
 
 /* One simulated robot: configuration and state. */
@@ -661,6 +663,7 @@ typedef struct {
     double pressure, bias, noise, turn_noise; /* of jets on faces; largest error and noise of the seen object [m], [m], [rad] */
     double begin_height, reserve; /* of the torso at the start [m]; of the grip's limit over what is needed */
     double placed, turned, upright, at_rest, clear_of, high; /* of a success [m], [rad], [rad], [m/s], [m], [m] */
+    double force_time, touch; /* of the mean force of a foot [s]; from which a foot touches [N] */
     double field, ceiling; /* largest distance from the start along x and y, and height [m] */
     int32_t is_order, decide; /* whether an action steers; ticks between its decisions */
     double grip; /* force of each foot that the rule orders [N]; 0 as tested, −1 as told */

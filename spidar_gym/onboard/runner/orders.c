@@ -126,11 +126,11 @@ static const char *read_grasp(const sp_mission *m, sp_waypoint *o, char **words,
         return "grasp box|cylinder|ball, half of length, width, height [m], largest FORCE of a foot [N], MASS [kg], HEIGHT [m], "
                "FORCE of a foot [N], 0 as tested";
     for (int i = 0; i < 3; i++)
-        if (!within(v[i], 0.05, 2.0)) return "half sizes within 0.05 … 2 m";
-    if (!within(v[3], 1.0, 1000.0)) return "a force within 1 … 1000 N";
-    if (!within(v[4], 0.0, 20.0)) return "a mass within 0 … 20 kg";
-    if (!within(v[5], 0.1, 10.0)) return "a height of the lift within 0.1 … 10 m";
-    if (!within(v[6], 0.0, 100.0)) return "a force within 0 … 100 N";
+        if (!within(v[i], SP_ORDER_LEAST_SIZE, SP_ORDER_MOST_SIZE)) return "half sizes within 0.05 … 2 m";
+    if (!within(v[3], SP_ORDER_LEAST_FORCE, SP_ORDER_MOST_FORCE)) return "a force within 1 … 1000 N";
+    if (!within(v[4], 0.0, SP_ORDER_MOST_MASS)) return "a mass within 0 … 20 kg";
+    if (!within(v[5], SP_ORDER_LEAST_HEIGHT, SP_ORDER_MOST_HEIGHT)) return "a height of the lift within 0.1 … 10 m";
+    if (!within(v[6], 0.0, SP_ORDER_MOST_FORCE)) return "a force within 0 … 1000 N";
     o->kind = SP_LOCOMOTION_GRASP;
     o->shape = shape;
     sp_copy(o->half_size, v, 3);
