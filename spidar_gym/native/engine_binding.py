@@ -163,6 +163,7 @@ class Engine:
         model = self.simulations[0].model
         highest = {
             "geom_sameframe": len(mujoco.mjtSameFrame.__members__) - 1,
+            "body_sameframe": len(mujoco.mjtSameFrame.__members__) - 1,
             "geom_type": max(int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_CYLINDER)),
             "body_geomnum": np.bincount(model.geom_bodyid, minlength=model.nbody),
         }
