@@ -80,7 +80,7 @@ METRICS: dict[str, Metric] = {
         "flight: RMS of ‖position error‖ after the settling time", float, 10.0, (FLIGHT,), spread=_spread(1e-05, 0.0)
     ),
     "attitude_rms_rad": Metric(
-        "RMS of ‖attitude error‖ after the settling time; on the ground and on courses RMS of the tilt",
+        "RMS of ‖attitude error‖ after the settling time; elsewhere RMS of the tilt",
         float,
         math.tau,
         spread=_spread(1e-05, 0.0003, 3e-4),

@@ -48,7 +48,8 @@ class BarePhysics:
             model, plant, copy = simulation.model, plants[k], engine.copies[min(k, len(engine.copies) - 1)]
             for address, size, at in self._pieces[k]:
                 ctypes.memmove(address, copy.ctypes.data + at, size)
-            mujoco.mj_setState(model, simulation.data, plant["row"], STATE)
+            row = plant["row"][: mujoco.mj_stateSize(model, STATE)]
+            mujoco.mj_setState(model, simulation.data, row, STATE)
             limit = np.minimum(plant["torque_limit"], plant["config"]["actuators"]["max_joint_torque"])
             joints = slice(len(model.actuator_forcerange) - 2 * len(limit), len(model.actuator_forcerange) - len(limit))
             model.actuator_forcerange[joints, 0], model.actuator_forcerange[joints, 1] = -limit, limit

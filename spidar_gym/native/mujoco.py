@@ -67,7 +67,7 @@ DERIVED = ("actuator_acc0", "body_invweight0", "body_subtreemass", "bvh_aabb", "
 """Arrays of the mjModel that MuJoCo derives from these."""
 SHAPES = ("geom_size", "geom_rbound", "geom_aabb", "body_geomnum")
 """Arrays of the mjModel that boxes change besides their poses; unused ones are no part of the world's body."""
-FREE = tuple(name for name in MODEL if name != "actuator_forcerange") + (*DERIVED, "body_sameframe")
+FREE = (*(name for name in MODEL if name != "actuator_forcerange"), *DERIVED, "body_sameframe")
 """Arrays of the mjModel that differ between robots; torque limits are written whenever a robot is loaded."""
 BOXED = tuple(name for name in FREE if name not in ("geom_type", "body_sameframe"))
 """Arrays that differ between robots without an object."""
