@@ -178,7 +178,7 @@ class GraspRobots(GraspQuantities, Robots):
     kind, quantities = "grasp", GraspQuantities
 
     @cached_property
-    def object(self) -> np.ndarray:
+    def objects(self) -> np.ndarray:
         """True states of the objects, records of `ObjectState`'s fields with flat arrays."""
         return self.records["plant"]["object"]
 
