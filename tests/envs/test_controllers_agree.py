@@ -49,7 +49,7 @@ def converged():
     With its default tolerance, a change of one unit in the last place before a tick can let the line search of an
     iteration end elsewhere: velocities 1e-12 rad/s apart, which the servos' damping turns into torques 2e-11 N·m apart.
     """
-    models = [scene(visual=False, uneven=uneven, boxed=False, robot=ROBOT) for uneven in (False, True)]
+    models = [scene(visual=False, uneven=uneven, boxed=False, robot=ROBOT, free=False) for uneven in (False, True)]
     usual = [model.opt.tolerance for model in models]
     for model in models:
         model.opt.tolerance = 0.0

@@ -203,4 +203,12 @@ int sp_step_course_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_hold_course_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_lose_course_robots(sp_engine *engine, const int32_t *ids, int n);
 
+/* grasp_robot.c */
+void sp_draw_scene(const sp_grasp_rules *rules, sp_generator *generator, sp_grasp_scene *scene);
+int sp_show_grasp_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_reset_grasp_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_step_grasp_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_hold_grasp_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_lose_grasp_robots(sp_engine *engine, const int32_t *ids, int n);
+
 #endif
