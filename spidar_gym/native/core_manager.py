@@ -189,6 +189,11 @@ class CoreManager(Core[LastCommand], Orders):
         self.library.sp_manager_interrupt(self._manager.pointer, rows.pointer, len(commands))
         self._last = commands[-1] if commands else Land()
 
+    def end(self) -> None:
+        """End the mission, as `Manager.end`."""
+        self.library.sp_manager_end(self._manager.pointer)
+        self._last = Land()
+
     @staticmethod
     def _require_few(commands: tuple[LocomotionCommand, ...], before: int) -> None:
         if before + len(commands) > MAX_WAYPOINTS:

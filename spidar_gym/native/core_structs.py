@@ -273,7 +273,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("believed thrust", "f8", (), "time since floor detection or form command [s]; Σλ of the last tick [N]"),
         ("failures rises", "i4", (), "failed landings in a row; whether it takes off at the next tick",
          (COUNT, FLAG)),
-        ("begun unused", "i4", (), "whether the present command of a grasp has begun", FLAG),
+        ("begun ends", "i4", (), "whether a command of a grasp has begun; whether the mission was ended", FLAG),
     )),
     CStruct("manager", "The manager of both gaits.", (
         ("config", "manager_config", (), ""),

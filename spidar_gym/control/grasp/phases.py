@@ -263,7 +263,7 @@ class Grasper:
         assert self.target is not None
         m = self.memory
         z = floor + self.target.top - float(m.place_b[2])
-        self._enter("lower", self._shifted(z + self.config.feel_height - float(m.end.pose_w[2])))
+        self._enter("lower", self._shifted(min(0.0, z + self.config.feel_height - float(m.end.pose_w[2]))))
 
     def release(self) -> None:
         """Let go, open the legs and leave upwards."""
@@ -275,7 +275,7 @@ class Grasper:
         """Hold where it is: the present setting becomes the end."""
         m = self.memory
         if m.phase in ("lift", "carry", "lower", "feel"):
-            self._rest_at(self._now(self.config.load_time)[0], "hold")
+            self._hold_here()
 
     def steer(self, target: Grasp, action: np.ndarray, pose_w: np.ndarray, form: JointVector, seconds: float) -> None:
         """Move as a policy steers.
@@ -299,6 +299,24 @@ class Grasper:
         self.target = target
         end = Setting(pose, form, 0.5 * (grip + 1.0) * SAFE_GRIP)
         m.phase, m.time, m.seconds, m.begin, m.end = "steered", 0.0, seconds, now, end
+
+    def put_down(self) -> float | None:
+        """Stop in any phase in which the feet press, for an end of the mission; hold there.
+
+        Returns:
+            Height of the surface on which the object stood, until it is lifted; infinity afterwards; None where it
+            stands, or the feet do not press [m].
+        """
+        m = self.memory
+        if not self.holds or m.phase in LEAVING or m.placed:
+            return None
+        phase = m.phase
+        if phase != "hold":
+            self._hold_here()
+        if phase in ("grip", "load"):
+            return None
+        assert self.target is not None
+        return m.stood - self.target.top if phase in ("test", "back", "settle", "lift") else math.inf
 
     def abandon(self) -> None:
         """Open the legs and leave an object that is not held yet."""
@@ -428,6 +446,11 @@ class Grasper:
         """Begin a phase at rest."""
         self.memory.end = setting
         self._enter(phase, setting)
+
+    def _hold_here(self) -> None:
+        """Hold the object where the present phase would come to rest."""
+        self.memory.height = 0.0
+        self._rest_at(self._now(self.config.load_time)[0], "hold")
 
     def _leave(self, position_w: Vector3, q: JointVector) -> None:
         """Open and climb without grip and payload, from the present pose."""

@@ -43,6 +43,11 @@ LEVEL_FROM, LEVEL_TO = 0.05, 0.35
 """Heights above the lying position between which a robot from a slope becomes level [m]."""
 NEAR_FLOOR = 0.1
 """Height of the reference above the expected floor below which a descent expects a contact [m]."""
+ASIDE = 2.0
+"""Least distance from an object at which an ended mission lands: legs that lie, and the widest object's corner [m]."""
+ENDS_AFTER = 1.0
+"""Time for which an ended mission holds an object before it is put down [s]: the torso's error of height, from which the
+floor is told, is a mean over half a second."""
 LEAST_WAY = 0.05
 """A shorter displacement does not define a heading [m]."""
 ARRIVED, PATIENCE = 0.05, 2.0
@@ -80,6 +85,8 @@ class ManagerMemory:
     """Whether the robot takes off at the next tick from any phase on the floor."""
     begun: bool = False
     """Whether the present command of a grasp has begun."""
+    ends: bool = False
+    """Whether the mission was ended: an object that finds no floor is let go of."""
 
 
 class Manager(Orders):
@@ -132,11 +139,41 @@ class Manager(Orders):
             self._enter("grasp")
         self.grasper.steer(target, action, pose, self.flight.memory.joint_position, seconds)
 
+    def end(self) -> None:
+        """End the mission: come to rest on the floor from any phase.
+
+        A crawl cycle is completed, a flight ends with a landing where the robot is. An object that hangs is put down,
+        before the end of its lift where it stood, else on the floor of the take-off; where there is none, it falls.
+        Then the robot flies to where it hovered before the grasp, at least `ASIDE` from the object, and lands there.
+        """
+        memory, grasper = self.memory, self.grasper
+        if self.commands and isinstance(self.commands[0], Land):
+            self.commands = self.commands[:1]
+            return
+        floor = memory.floor - self._lying_height
+        if memory.phase != "grasp":
+            self._replace((Land(floor),) if self.airborne else ())
+            return
+        assert self.path is not None
+        surface, situation = grasper.put_down(), self.situation
+        put = () if surface is None else (Place(floor if math.isinf(surface) else surface),)
+        where = self.grip.position_w if situation == "air" else grasper.memory.end.pose_w
+        x, y, z, yaw = self.path.pose_w[-1].tolist()
+        dx, dy = x - float(where[0]), y - float(where[1])
+        far = math.hypot(dx, dy)
+        if far < 1e-3:
+            dx, dy, far = -math.cos(yaw), -math.sin(yaw), 1.0
+        share = max(far, ASIDE) / far
+        aside = FlyTo((float(where[0]) + share * dx, float(where[1]) + share * dy, z))
+        self._replace((*put, *((Release(),) if situation != "air" else ()), aside, Land(floor)))
+        memory.ends = True
+
     def _append(self, commands: tuple[LocomotionCommand, ...]) -> None:
         self.commands += commands
 
     def _replace(self, commands: tuple[LocomotionCommand, ...]) -> None:
         phase, rises = self.memory.phase, bool(commands) and isinstance(commands[0], TakeOff)
+        self.memory.ends = False
         # A crawl cycle and a landing are completed, and a flight starts only when the legs are clear of the floor.
         is_low = phase == "climb" and self._moving()[0][2] < self.memory.floor + LEVEL_TO
         ends = phase in ("crawl", "unload") and not rises
@@ -379,12 +416,17 @@ class Manager(Orders):
         if memory.begun and grasper.waits:
             memory.begun = False
             command = self.commands.pop(0) if self.commands else None
-            failed = isinstance(command, Place) and not grasper.memory.placed  # there was no floor
+            failed = isinstance(command, Place) and not grasper.memory.placed and not memory.ends  # there was no floor
             if failed or (grasper.memory.phase == "none" and not isinstance(command, Release)):
                 self.commands = []  # the object was lost, or is too heavy
         if grasper.memory.phase == "none":
             self._leave_grasp(state)
-        elif self.commands and grasper.waits and not memory.begun:
+        elif (
+            self.commands
+            and grasper.waits
+            and not memory.begun
+            and (not memory.ends or grasper.memory.time >= ENDS_AFTER)
+        ):
             command, memory.begun = self.commands[0], True
             if isinstance(command, CarryTo):
                 grasper.carry(np.array(command.position_w), command.yaw, command.speed)

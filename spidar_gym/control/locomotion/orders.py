@@ -151,6 +151,10 @@ class Orders(ABC):
     def _replace(self, commands: tuple[LocomotionCommand, ...]) -> None:
         """Replace the pending commands by valid commands."""
 
+    @abstractmethod
+    def end(self) -> None:
+        """End the mission: come to rest on the floor from any phase, without an object."""
+
     @property
     def airborne(self) -> bool:
         """Whether the robot flies or is about to take off."""

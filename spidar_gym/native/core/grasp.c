@@ -184,15 +184,21 @@ void sp_grasp_place(sp_grasper *g, double floor_w)
 {
     const sp_grasp_memory *m = &g->memory;
     double z = floor_w + top_of(&g->target) - m->place_b[2];
-    enter(g, SP_GRASP_LOWER, shifted(g, z + g->config.feel_height - m->end.pose_w[2]), 0.0, 0.0);
+    enter(g, SP_GRASP_LOWER, shifted(g, sp_min(0.0, z + g->config.feel_height - m->end.pose_w[2])), 0.0, 0.0);
+}
+
+/* Hold the object where the present phase would come to rest. */
+static void hold_here(sp_grasper *g)
+{
+    double rate[4];
+    g->memory.height = 0.0;
+    rest_at(g, present(&g->memory, g->config.load_time, rate), SP_GRASP_HOLD);
 }
 
 void sp_grasp_stop(sp_grasper *g)
 {
     int32_t phase = g->memory.phase;
-    double rate[4];
-    if (phase == SP_GRASP_LIFT || phase == SP_GRASP_CARRY || phase == SP_GRASP_LOWER || phase == SP_GRASP_FEEL)
-        rest_at(g, present(&g->memory, g->config.load_time, rate), SP_GRASP_HOLD);
+    if (phase == SP_GRASP_LIFT || phase == SP_GRASP_CARRY || phase == SP_GRASP_LOWER || phase == SP_GRASP_FEEL) hold_here(g);
 }
 
 void sp_grasp_release(sp_grasper *g)
@@ -215,6 +221,18 @@ int sp_grasp_leaves(const sp_grasper *g)
 int sp_grasp_waits(const sp_grasper *g)
 {
     return g->memory.phase == SP_GRASP_NONE || g->memory.phase == SP_GRASP_HOLD;
+}
+
+int sp_grasp_put_down(sp_grasper *g, double *surface_w)
+{
+    const sp_grasp_memory *m = &g->memory;
+    int32_t phase = m->phase;
+    if (!sp_grasp_presses(g) || sp_grasp_leaves(g) || m->placed) return 0;
+    if (phase != SP_GRASP_HOLD) hold_here(g);
+    if (phase == SP_GRASP_GRIP || phase == SP_GRASP_LOAD) return 0;
+    int stood = phase == SP_GRASP_TEST || phase == SP_GRASP_BACK || phase == SP_GRASP_SETTLE || phase == SP_GRASP_LIFT;
+    *surface_w = stood ? m->stood - top_of(&g->target) : HUGE_VAL;
+    return 1;
 }
 
 void sp_grasp_abandon(sp_grasper *g)

@@ -228,7 +228,7 @@ static void grasp(const sp_robot *robot, sp_manager *m, const sp_robot_state *st
     sp_manager_memory *memory = &m->memory;
     if (memory->begun && sp_grasp_waits(g)) {
         int32_t kind = m->count > 0 ? m->commands[0].kind : SP_LOCOMOTION_RELEASE;
-        int failed = kind == SP_LOCOMOTION_PLACE && !g->memory.placed; /* there was no floor */
+        int failed = kind == SP_LOCOMOTION_PLACE && !g->memory.placed && !memory->ends; /* there was no floor */
         memory->begun = 0;
         drop_command(m);
         /* without a release: the object was lost, or is too heavy */
@@ -236,7 +236,7 @@ static void grasp(const sp_robot *robot, sp_manager *m, const sp_robot_state *st
     }
     if (g->memory.phase == SP_GRASP_NONE) {
         leave_grasp(robot, m, state);
-    } else if (m->count > 0 && sp_grasp_waits(g) && !memory->begun) {
+    } else if (m->count > 0 && sp_grasp_waits(g) && !memory->begun && !(memory->ends && g->memory.time < SP_MANAGER_ENDS_AFTER)) {
         memory->begun = 1;
         if (m->commands[0].kind == SP_LOCOMOTION_CARRY_TO) sp_grasp_carry(g, &m->commands[0]);
         else if (m->commands[0].kind == SP_LOCOMOTION_PLACE) sp_grasp_place(g, m->commands[0].floor);
@@ -646,6 +646,7 @@ int sp_manager_interrupt(sp_manager *m, const sp_waypoint *commands, int n)
     if (n + 1 > SP_MAX_WAYPOINTS) return 0;
     for (int k = 0; k < n; k++)
         if (sp_cannot_follow(commands[k].kind, &situation) != NULL) return 0;
+    memory->ends = 0;
     if (phase == SP_MANAGER_CLIMB && n > 0 && commands[0].kind == SP_LOCOMOTION_FLY_TO) {
         moving(m, pose, rate, acceleration);
         ends = pose[2] < memory->floor + SP_MANAGER_LEVEL_TO;
@@ -672,6 +673,44 @@ int sp_manager_interrupt(sp_manager *m, const sp_waypoint *commands, int n)
     }
     memory->rises = rises && (phase == SP_MANAGER_CRAWL || phase == SP_MANAGER_UNLOAD);
     return 1;
+}
+
+void sp_manager_end(sp_manager *m)
+{
+    sp_manager_memory *memory = &m->memory;
+    sp_waypoint orders[4];
+    double floor_w = memory->floor - m->lying_height, surface;
+    int n = 0;
+    if (m->count > 0 && m->commands[0].kind == SP_LOCOMOTION_LAND) {
+        m->count = 1;
+        return;
+    }
+    memset(orders, 0, sizeof orders);
+    if (memory->phase != SP_MANAGER_GRASP) {
+        orders[0].kind = SP_LOCOMOTION_LAND;
+        orders[0].floor = floor_w;
+        sp_manager_interrupt(m, orders, sp_manager_airborne(m));
+        return;
+    }
+    if (sp_grasp_put_down(&m->grasper, &surface)) {
+        orders[n].kind = SP_LOCOMOTION_PLACE;
+        orders[n++].floor = surface < HUGE_VAL ? surface : floor_w;
+    }
+    const double *from = m->knots[m->knot_count - 1].pose_w;
+    int free = sp_manager_situation(m) == SP_ON_AIR;
+    const double *where = free ? m->grasper.grip.position_w : m->grasper.memory.end.pose_w;
+    if (!free) orders[n++].kind = SP_LOCOMOTION_RELEASE;
+    double dx = from[0] - where[0], dy = from[1] - where[1], far = sqrt(dx * dx + dy * dy);
+    if (far < 1e-3) dx = -cos(from[3]), dy = -sin(from[3]), far = 1.0;
+    double share = sp_max(far, SP_MANAGER_ASIDE) / far;
+    orders[n].kind = SP_LOCOMOTION_FLY_TO;
+    orders[n].position_w[0] = where[0] + share * dx;
+    orders[n].position_w[1] = where[1] + share * dy;
+    orders[n].position_w[2] = from[2];
+    orders[n++].speed = 0.5;
+    orders[n].kind = SP_LOCOMOTION_LAND;
+    orders[n++].floor = floor_w;
+    if (sp_manager_interrupt(m, orders, n)) memory->ends = 1;
 }
 
 /* One control tick. */

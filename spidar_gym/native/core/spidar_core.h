@@ -67,6 +67,9 @@ void sp_grasp_begin(const sp_robot *robot, sp_grasper *grasper, const sp_waypoin
                     const double *pose_w, const double *form);
 void sp_grasp_carry(sp_grasper *grasper, const sp_waypoint *order);
 void sp_grasp_place(sp_grasper *grasper, double floor_w);
+/* Stop where the feet press, for the end of a mission; returns 1 and the height of the surface where it stood, infinite
+ * once it was lifted, 0 if it need not be put down. */
+int sp_grasp_put_down(sp_grasper *grasper, double *surface_w);
 void sp_grasp_release(sp_grasper *grasper);
 void sp_grasp_stop(sp_grasper *grasper);
 void sp_grasp_abandon(sp_grasper *grasper);
@@ -177,6 +180,8 @@ int sp_manager_done(const sp_manager *manager);
 int sp_manager_command(sp_manager *manager, const sp_waypoint *command);
 int sp_manager_interrupt(sp_manager *manager, const sp_waypoint *commands, int n);
 const char *sp_cannot_follow(int32_t kind, int32_t *situation);
+/* End the mission: come to rest on the floor from any phase, without an object. */
+void sp_manager_end(sp_manager *manager);
 void sp_manager_step(sp_manager *manager, const sp_robot_state *state, const sp_residual *residual, const sp_seen *seen,
                      sp_room *room, sp_command *command); /* seen: object to grasp, NULL if it is not seen */
 

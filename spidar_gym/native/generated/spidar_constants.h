@@ -133,6 +133,8 @@
 #define SP_RULE_BENEATH 0x1.3333333333333p-3 /* 0.15, spidar_gym.control.course.rule.BENEATH */
 #define SP_RULE_ALIGNED 0x1.eb851eb851eb8p-6 /* 0.03, spidar_gym.control.course.rule.ALIGNED */
 #define SP_RULE_FORMED 0x1.eb851eb851eb8p-5 /* 0.06, spidar_gym.control.course.rule.FORMED */
+#define SP_MANAGER_ASIDE 0x1.0000000000000p+1 /* 2.0, spidar_gym.control.locomotion.manager.ASIDE */
+#define SP_MANAGER_ENDS_AFTER 0x1.0000000000000p+0 /* 1.0, spidar_gym.control.locomotion.manager.ENDS_AFTER */
 #define SP_MANAGER_LEVEL_FROM 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEVEL_FROM */
 #define SP_MANAGER_LEVEL_TO 0x1.6666666666666p-2 /* 0.35, spidar_gym.control.locomotion.manager.LEVEL_TO */
 #define SP_MANAGER_NEAR_FLOOR 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.locomotion.manager.NEAR_FLOOR */

@@ -678,7 +678,7 @@ typedef struct {
     double floor, velocity; /* height of the CoG of the lying robot [m]; rate of the descent [m/s] */
     double believed, thrust; /* time since floor detection or form command [s]; Σλ of the last tick [N] */
     int32_t failures, rises; /* failed landings in a row; whether it takes off at the next tick */
-    int32_t begun, unused; /* whether the present command of a grasp has begun */
+    int32_t begun, ends; /* whether a command of a grasp has begun; whether the mission was ended */
 } sp_manager_memory;
 
 /* The manager of both gaits. */
