@@ -46,8 +46,8 @@ NEAR_FLOOR = 0.1
 ASIDE = 2.0
 """Least distance from an object at which an ended mission lands: legs that lie, and the widest object's corner [m]."""
 ENDS_AFTER = 1.0
-"""Time for which an ended mission holds an object before it is put down [s]: the torso's error of height, from which the
-floor is told, is a mean over half a second."""
+"""Time for which an ended mission holds an object before it is put down [s]: the torso's error of height, which tells
+the floor, is a mean over half a second."""
 LEAST_WAY = 0.05
 """A shorter displacement does not define a heading [m]."""
 ARRIVED, PATIENCE = 0.05, 2.0
