@@ -92,7 +92,7 @@ def _anchor(names: list[str], check: bool) -> None:
     pairs = [(name, key, policy) for name in names for key, policy in anchoring(name).items()]
     with (
         progress(total=EPISODES * len(pairs), unit="episode", desc="anchors") as bar,
-        kept(lambda: f"finished results are kept in {ANCHORS}"),
+        kept(lambda: "a check keeps no results" if check else f"finished results are kept in {ANCHORS}"),
     ):
         for name, key, policy in pairs:
             sensors = False if key == CEILING else None
