@@ -14,7 +14,7 @@ class GraspRule(PresetPolicy):
 
 
 class GraspTold(PresetPolicy):
-    """A ceiling: the rule, told the true mass, friction and centre of mass, which no robot knows; grasps only."""
+    """A ceiling: the rule with the true mass and friction, which no robot knows; grasps only."""
 
     name = "grasp_told"
     kind = "ceiling"

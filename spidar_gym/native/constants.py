@@ -65,7 +65,7 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("GRIP_", grip, ("LEVER", "LEAD_TIME")),
     ("CLAW_", claw, ("HIGHEST", "KNEE", "OPEN", "PRESS", "NARROWEST", "WIDEST")),
     ("GRASP_", phases, ("SAFE_GRIP", "QUINTIC_PEAK")),
-    ("GRASP_RULE_", grasp_rule, ("ABOVE_GOAL", "LIFT", "CARRY_SPEED", "DELIVERED", "FIRST_MASS", "MARGIN")),
+    ("GRASP_RULE_", grasp_rule, ("ABOVE_GOAL", "LIFT", "CARRY_SPEED", "DELIVERED", "FIRST_MASS")),
     ("SCENE_", grasp_scene, ("STAND_MARGIN", "STAND_SHARE", "CHOCK", "LEAN", "LESS_PER_KG")),
     ("", spec, ("GRAVITY",)),
     ("", phases, ("STEER_SPEED", "STEER_TURN", "STEER_RADIUS")),

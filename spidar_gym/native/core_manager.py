@@ -55,7 +55,8 @@ def waypoint(command: LocomotionCommand) -> np.ndarray:
             command.half_size,
             command.height,
         )
-        record["most_force"], record["mass"], record["force"] = command.most_force, command.mass, command.force
+        record["most_force"], record["mass"] = command.most_force, command.mass
+        record["force"], record["friction"] = command.force, command.friction
     elif isinstance(command, CarryTo):
         record["position_w"], record["speed"] = command.position_w, command.speed
         record["has_yaw"], record["yaw"] = command.yaw is not None, 0.0 if command.yaw is None else command.yaw

@@ -253,6 +253,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("yaw", "f8", (), "heading of the object at the goal [rad]"),
         ("half_size", "f8", (3,), "of the object [m]"),
         ("most_force mass force", "f8", (), "of a foot at most [N]; until it is measured [kg]; of a foot or 0 [N]"),
+        ("friction", "f8", (), "of feet on the object; 0 where it is not known"),
     )),
     CStruct("grasper", "The phases of a grasp.", (
         ("config", "grasp_config", (), ""),

@@ -228,7 +228,7 @@ def order_line(command: LocomotionCommand) -> str:
         return f"land {command.floor!r} {command.slope!r}"
     if isinstance(command, Grasp):
         size = " ".join(f"{float(each)!r}" for each in command.half_size)
-        numbers = (command.most_force, command.mass, command.height, command.force)
+        numbers = (command.most_force, command.mass, command.height, command.force, command.friction)
         return f"grasp {command.shape} {size} {' '.join(map(repr, numbers))}"
     if isinstance(command, CarryTo):
         x, y, z = command.position_w

@@ -56,7 +56,9 @@ class GraspConfig:
     reserve: float = 1.5
     """Force of the grip after the test over the least that holds the object with `friction`."""
     friction: float = 0.5
-    """Friction that is assumed then, if the test did not tell a lower one."""
+    """Friction that is assumed then, if the order has none."""
+    unequal: float = 5.0
+    """Force that is added where the friction is known [N]: the feet do not press equally."""
     close_time: float = 2.0
     """Time in which the feet come to the object at least [s]: faster ones knock it."""
     grip_time: float = 1.0
@@ -246,7 +248,8 @@ class Grasper:
         self.target = target
         self.memory = GraspMemory(end=Setting(pose_w.copy(), form.copy()))
         self.memory.mass = target.mass
-        self.memory.force = min(target.force or self.config.first_grip, self.most_force)
+        first = self._holding_force(target.mass) if target.friction else self.config.first_grip
+        self.memory.force = min(target.force or first, self.most_force)
         over = float(seen.position_w[2]) + self.plan.height + self.config.above
         self._enter("rise", self._at((float(pose_w[0]), float(pose_w[1]), max(over, float(pose_w[2]))), self.plan.open))
 
@@ -336,6 +339,13 @@ class Grasper:
         """Largest force of a foot on the present object [N]."""
         assert self.target is not None
         return min(self.target.most_force, SAFE_GRIP)
+
+    def _holding_force(self, mass: float) -> float:
+        """Return the force of each foot that holds a mass [kg], with a reserve [N]."""
+        assert self.target is not None
+        known = self.target.friction
+        least = mass * GRAVITY / (N_LEGS * (known or self.config.friction))
+        return self.config.reserve * least + (self.config.unequal if known else 0.0)
 
     @property
     def waits(self) -> bool:
@@ -570,8 +580,7 @@ class Grasper:
         slips, m.tests = sag < -config.slip, m.tests + 1
         if not slips and risen > 0.5 * config.test_height:
             m.mass, m.held = carried, True
-            needed = config.reserve * carried * GRAVITY / (N_LEGS * config.friction)
-            m.force = m.force if is_given else min(max(m.force, needed), self.most_force)
+            m.force = m.force if is_given else min(max(m.force, self._holding_force(carried)), self.most_force)
             self._enter("settle", self._shifted(0.0, force=m.force, payload=m.mass), least=config.load_time)
         elif m.tests >= config.most_tests or (slips and (is_given or m.force >= self.most_force - 1e-6)):
             m.refused = True

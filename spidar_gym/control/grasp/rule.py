@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from spidar_gym.control.grasp.phases import Seen
-from spidar_gym.control.grasp.scene import GraspScene, needed_force
+from spidar_gym.control.grasp.scene import GraspScene
 from spidar_gym.control.locomotion.commands import CarryTo, Grasp, LocomotionCommand, Place, Release
 
 TRIES = 3
@@ -18,9 +18,7 @@ LIFT = 0.7
 CARRY_SPEED = 0.5
 """Largest speed of the way to the goal [m/s]."""
 TESTED, TOLD = "tested", "told"
-"""How the rule grips: as hard as the test lift finds, or as the true mass and friction need, which no robot knows."""
-MARGIN = 2.0
-"""Force of a grip that is told over the least that holds the object, which four unequal feet share unequally."""
+"""How the rule grips: as the test lift finds, or so but with the true mass and friction, which no robot knows."""
 DELIVERED = 0.1
 """The object is delivered if it is this close to the goal [m]."""
 
@@ -44,10 +42,9 @@ def grasp_orders(scene: GraspScene, mass: float, grip: float | str = TESTED) -> 
         grip: Force of each foot [N], `TESTED` or `TOLD`.
     """
     force = float(grip) if isinstance(grip, int | float) else 0.0
-    if grip == TOLD:
-        mass, force = scene.mass, MARGIN * needed_force(scene.mass, scene.com, scene.half_size[0], scene.friction)
+    mass, friction = (scene.mass, scene.friction) if grip == TOLD else (mass, 0.0)
     z = scene.floor + scene.top + ABOVE_GOAL
-    grasp = Grasp(scene.shape, scene.half_size, scene.most_force, mass, LIFT, force)
+    grasp = Grasp(scene.shape, scene.half_size, scene.most_force, mass, LIFT, force, friction)
     carry = CarryTo((scene.goal.x, scene.goal.y, z), scene.goal.yaw, CARRY_SPEED)
     return [grasp, carry, Place(scene.floor), Release()]
 

@@ -18,7 +18,7 @@ STEEPEST = math.radians(12.0)
 """Steepest floor for a landing [rad]; on the track's slope of 10° all requirements are met."""
 HEIGHTS = 0.1, 10.0
 """Smallest and largest height of a take-off, and of a lift [m]."""
-SIZES, FORCES, MOST_MASS = (0.05, 2.0), (1.0, 1000.0), 20.0
+SIZES, FORCES, MOST_MASS, MOST_FRICTION = (0.05, 2.0), (1.0, 1000.0), 20.0, 10.0
 """Ranges of half sizes of an object [m] and of the force that it bears [N], and its largest mass [kg]."""
 
 
@@ -111,6 +111,8 @@ class Grasp:
     """Height of the lift [m]."""
     force: float = 0.0
     """Force of each foot [N]; 0 where the test lift is to find it."""
+    friction: float = 0.0
+    """Friction between feet and object where it is known, for the force then found; 0 where it is not."""
 
     def __post_init__(self) -> None:
         """Raise `InvalidValueError` for numbers out of range."""
@@ -123,6 +125,7 @@ class Grasp:
         require_within(0.0, MOST_MASS, "kg", mass=self.mass)
         require_within(*HEIGHTS, "m", height=self.height)
         require_within(0.0, FORCES[1], "N", force=self.force)
+        require_within(0.0, MOST_FRICTION, "1", friction=self.friction)
 
     @property
     def radius(self) -> float:

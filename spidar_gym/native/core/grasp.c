@@ -153,6 +153,19 @@ static sp_setting present(const sp_grasp_memory *m, double fade, double *rate)
 
 /* ---- orders ---- */
 
+/* Force of each foot that holds a mass, with a reserve. */
+static double holding_force(const sp_robot *robot, const sp_grasper *g, double mass)
+{
+    double known = g->target.friction, least = mass * robot->gravity / (SP_LEGS * (known > 0.0 ? known : g->config.friction));
+    return g->config.reserve * least + (known > 0.0 ? g->config.unequal : 0.0);
+}
+
+static double first_grip(const sp_robot *robot, const sp_grasper *g)
+{
+    if (g->target.force > 0.0) return g->target.force;
+    return g->target.friction > 0.0 ? holding_force(robot, g, g->target.mass) : g->config.first_grip;
+}
+
 void sp_grasp_begin(const sp_robot *robot, sp_grasper *g, const sp_waypoint *target, const sp_seen *seen,
                     const double *pose_w, const double *form)
 {
@@ -163,7 +176,7 @@ void sp_grasp_begin(const sp_robot *robot, sp_grasper *g, const sp_waypoint *tar
     sp_copy(m->end.pose_w, pose_w, 4);
     sp_copy(m->end.form, form, SP_JOINTS);
     m->mass = target->mass;
-    m->force = sp_min(g->target.force > 0.0 ? g->target.force : g->config.first_grip, most_force(g));
+    m->force = sp_min(first_grip(robot, g), most_force(g));
     sp_setting rise = with_form(m->end, g->plan.open);
     rise.pose_w[2] = sp_max(seen->position_w[2] + g->plan.height + g->config.above, pose_w[2]);
     enter(g, SP_GRASP_RISE, rise, 0.0, 0.0);
@@ -275,12 +288,6 @@ void sp_grasp_steer(const sp_robot *robot, sp_grasper *g, const sp_waypoint *tar
 
 /* ---- the rule ---- */
 
-double sp_needed_force(const sp_grasp_scene *scene)
-{
-    double off = (fabs(scene->com[0]) + fabs(scene->com[1])) / scene->half_size[0];
-    return scene->mass * SP_GRAVITY * (1.0 + off) / (4.0 * scene->friction);
-}
-
 int sp_grasp_rule(const sp_grasp_scene *scene, const sp_seen *seen, int idle, double grip, sp_rule_memory *memory,
                   sp_waypoint *orders)
 {
@@ -292,7 +299,7 @@ int sp_grasp_rule(const sp_grasp_scene *scene, const sp_seen *seen, int idle, do
     sp_grasp_order(scene, memory->mass, &orders[0]);
     if (grip == SP_TOLD) {
         orders[0].mass = scene->mass;
-        orders[0].force = SP_GRASP_RULE_MARGIN * sp_needed_force(scene);
+        orders[0].friction = scene->friction;
     } else {
         orders[0].force = grip;
     }
@@ -373,8 +380,7 @@ static void judge(const sp_robot *robot, sp_grasper *g, double risen, double sag
     if (!slips && risen > 0.5 * c->test_height) {
         m->mass = carried;
         m->held = 1;
-        double needed = c->reserve * carried * robot->gravity / (SP_LEGS * c->friction);
-        if (!is_given) m->force = sp_min(sp_max(m->force, needed), most_force(g));
+        if (!is_given) m->force = sp_min(sp_max(m->force, holding_force(robot, g, carried)), most_force(g));
         enter(g, SP_GRASP_SETTLE, with_payload(with_force(m->end, m->force), m->mass), 0.0, c->load_time);
     } else if (m->tests >= c->most_tests || (slips && (is_given || m->force >= most_force(g) - 1e-6))) {
         m->refused = 1;

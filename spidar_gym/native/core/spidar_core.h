@@ -77,8 +77,7 @@ void sp_grasp_steer(const sp_robot *robot, sp_grasper *grasper, const sp_waypoin
                     const double *pose_w, const double *form, double seconds);
 void sp_grasp_order(const sp_grasp_scene *scene, double mass, sp_waypoint *order);
 /* Least equal force of four feet that holds the object of a scene [N]. */
-double sp_needed_force(const sp_grasp_scene *scene);
-#define SP_TOLD (-1.0) /* a grip by the true mass and friction */
+#define SP_TOLD (-1.0) /* true mass and friction in the orders */
 int sp_grasp_rule(const sp_grasp_scene *scene, const sp_seen *seen, int idle, double grip, sp_rule_memory *memory,
                   sp_waypoint *orders); /* number of orders, 0 or 4 */
 int sp_grasp_presses(const sp_grasper *grasper);

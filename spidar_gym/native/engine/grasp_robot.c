@@ -19,8 +19,15 @@ static double between_logs(sp_generator *generator, const double *bounds)
 
 static double top_of(const sp_grasp_scene *scene) { return scene->half_size[scene->shape == SP_OBJECT_BALL ? 0 : 2]; }
 
+/* As `needed_force` in Python. */
+static double needed_force(const sp_grasp_scene *scene)
+{
+    double off = (fabs(scene->com[0]) + fabs(scene->com[1])) / scene->half_size[0];
+    return scene->mass * SP_GRAVITY * (1.0 + off) / (4.0 * scene->friction);
+}
+
 /* Sample a scene that can be held: the least equal force of the feet, with a reserve, is within what object and robot
- * bear; as `needed_force` in Python. */
+ * bear. */
 void sp_draw_scene(const sp_grasp_rules *rules, sp_generator *generator, sp_grasp_scene *scene)
 {
     for (int tries = 0; tries < 1000; tries++) {
@@ -46,7 +53,7 @@ void sp_draw_scene(const sp_grasp_rules *rules, sp_generator *generator, sp_gras
         scene->floor = between(generator, rules->floor);
         for (int i = 0; i < 3; i++) scene->bias[i] = sp_uniform(generator, -rules->bias, rules->bias);
         double most = SP_GRASP_SAFE_GRIP - SP_SCENE_LESS_PER_KG * scene->mass;
-        if (rules->reserve * sp_needed_force(scene) <= sp_min(scene->most_force, most)) return;
+        if (rules->reserve * needed_force(scene) <= sp_min(scene->most_force, most)) return;
     }
 }
 

@@ -46,7 +46,6 @@
 #define SP_GRASP_RULE_CARRY_SPEED 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.grasp.rule.CARRY_SPEED */
 #define SP_GRASP_RULE_DELIVERED 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.grasp.rule.DELIVERED */
 #define SP_GRASP_RULE_FIRST_MASS 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.grasp.rule.FIRST_MASS */
-#define SP_GRASP_RULE_MARGIN 0x1.0000000000000p+1 /* 2.0, spidar_gym.control.grasp.rule.MARGIN */
 #define SP_SCENE_STAND_MARGIN 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.grasp.scene.STAND_MARGIN */
 #define SP_SCENE_STAND_SHARE 0x1.6666666666666p-1 /* 0.7, spidar_gym.control.grasp.scene.STAND_SHARE */
 #define SP_SCENE_CHOCK 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.control.grasp.scene.CHOCK */

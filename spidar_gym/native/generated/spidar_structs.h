@@ -283,7 +283,8 @@ typedef struct {
     double first_grip; /* Force of each foot with which the test lift begins [N], or the most that the object bears. */
     double more_grip; /* Increase of that force after a test in which the feet slipped [N]. */
     double reserve; /* Force of the grip after the test over the least that holds the object with `friction`. */
-    double friction; /* Friction that is assumed then, if the test did not tell a lower one. */
+    double friction; /* Friction that is assumed then, if the order has none. */
+    double unequal; /* Force that is added where the friction is known [N]: the feet do not press equally. */
     double close_time; /* Time in which the feet come to the object at least [s]: faster ones knock it. */
     double grip_time; /* Time in which the grip grows or ends [s]. */
     double load_time; /* Time in which the payload grows or ends [s]. */
@@ -655,6 +656,7 @@ typedef struct {
     double yaw; /* heading of the object at the goal [rad] */
     double half_size[3]; /* of the object [m] */
     double most_force, mass, force; /* of a foot at most [N]; until it is measured [kg]; of a foot or 0 [N] */
+    double friction; /* of feet on the object; 0 where it is not known */
 } sp_waypoint;
 
 /* The phases of a grasp. */

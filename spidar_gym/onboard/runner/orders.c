@@ -119,22 +119,23 @@ static const char *read_fly_to(const sp_mission *m, sp_waypoint *o, char **words
 static const char *read_grasp(const sp_mission *m, sp_waypoint *o, char **words, int count)
 {
     static const char *const shapes[] = {"box", "cylinder", "ball"};
-    double v[7];
+    double v[8];
     int shape = 0;
     while (count > 1 && shape < 3 && strcmp(words[1], shapes[shape]) != 0) shape++;
-    if (count != 9 || shape == 3 || !sp_numbers(words + 1, 8, 7, v))
+    if (count != 10 || shape == 3 || !sp_numbers(words + 1, 9, 8, v))
         return "grasp box|cylinder|ball, half of length, width, height [m], largest FORCE of a foot [N], MASS [kg], HEIGHT [m], "
-               "FORCE of a foot [N], 0 as tested";
+               "FORCE of a foot [N], 0 as tested, its FRICTION, 0 unknown";
     for (int i = 0; i < 3; i++)
         if (!within(v[i], SP_ORDER_LEAST_SIZE, SP_ORDER_MOST_SIZE)) return "half sizes within 0.05 … 2 m";
     if (!within(v[3], SP_ORDER_LEAST_FORCE, SP_ORDER_MOST_FORCE)) return "a force within 1 … 1000 N";
     if (!within(v[4], 0.0, SP_ORDER_MOST_MASS)) return "a mass within 0 … 20 kg";
     if (!within(v[5], SP_ORDER_LEAST_HEIGHT, SP_ORDER_MOST_HEIGHT)) return "a height of the lift within 0.1 … 10 m";
     if (!within(v[6], 0.0, SP_ORDER_MOST_FORCE)) return "a force within 0 … 1000 N";
+    if (!within(v[7], 0.0, SP_ORDER_MOST_FRICTION)) return "a friction within 0 … 10";
     o->kind = SP_LOCOMOTION_GRASP;
     o->shape = shape;
     sp_copy(o->half_size, v, 3);
-    o->most_force = v[3], o->mass = v[4], o->height = v[5], o->force = v[6];
+    o->most_force = v[3], o->mass = v[4], o->height = v[5], o->force = v[6], o->friction = v[7];
     return sp_refuse_object(&m->robot, o);
 }
 
