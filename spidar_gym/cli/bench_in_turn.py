@@ -104,14 +104,14 @@ def took(work: Callable[[], object], steps: int) -> tuple[float, float]:
 def grasps(seconds: float) -> list[dict[str, Any]]:
     """Time a control step of robots in flight, in a crawl and in the parts of a grasp, in turn, on one thread.
 
-    Every turn begins with the same saved robots. Medians over `TURNS` of the CPU time [µs], and of its ratios to the
+    Every turn begins with the same saved robots. Medians over half of `TURNS` of the CPU time [µs], and its ratios to the
     first two environments of `GRASPS`.
     """
     rows: list[dict[str, Any]] = []
     for robots in HERDS:
         ticks = max(2, round(512 * seconds / robots))
         pairs = [(_warm(arguments, warm, robots)) for arguments, warm in GRASPS.values()]
-        times = np.array([[_resumed(env, saved, ticks, robots) for env, saved in pairs] for _ in range(TURNS)])
+        times = np.array([[_resumed(env, saved, ticks, robots) for env, saved in pairs] for _ in range(TURNS // 2)])
         for env, _ in pairs:
             env.close()
         for k, name in enumerate(GRASPS):
