@@ -104,7 +104,7 @@ def took(work: Callable[[], object], steps: int) -> tuple[float, float]:
 def grasps(seconds: float) -> list[dict[str, Any]]:
     """Time a control step of robots in flight, in a crawl and in the parts of a grasp, in turn, on one thread.
 
-    Every turn begins with the same saved robots. Medians over half of `TURNS` of the CPU time [µs], and its ratios to the
+    Every turn begins with the same saved robots. Medians over half of `TURNS` of CPU times [µs], and their ratios to the
     first two environments of `GRASPS`.
     """
     rows: list[dict[str, Any]] = []
