@@ -104,8 +104,8 @@ def took(work: Callable[[], object], steps: int) -> tuple[float, float]:
 def grasps(seconds: float) -> list[dict[str, Any]]:
     """Time a control step of robots in flight, in a crawl and in the parts of a grasp, in turn, on one thread.
 
-    Every turn begins with the same saved robots. Medians over half of `TURNS` of CPU times [µs], and their ratios to the
-    first two environments of `GRASPS`.
+    Every turn begins with the same saved robots. Medians over half of `TURNS` of CPU times [µs], and their ratios to
+    the first two environments of `GRASPS`.
     """
     rows: list[dict[str, Any]] = []
     for robots in HERDS:
