@@ -349,6 +349,14 @@ def chosen_arguments(policy: Policy | None, spec: str | None, env_id: str, given
 def _errors(infos: list[dict[str, Any]]) -> str:
     """Return an episode's errors in words."""
     last = infos[-1]
+    if "object_error" in last:
+        x, y, z = (1e3 * last["object_error"]).tolist()
+        lifted = max(info["lifted_m"] for info in infos)
+        return (
+            f"object off by {x:.1f}, {y:.1f}, {z:.1f} mm, {1e3 * last['yaw_error_rad']:.1f} mrad, "
+            f"lifted by {lifted:.2f} m, largest force of a foot {last['most_force_n']:.0f} N, "
+            f"grasps begun: {last['tries']}"
+        )
     if "goal_error" in last:
         x, y, yaw = (1e3 * last["goal_error"]).tolist()
         if "charge" in last:
