@@ -25,7 +25,7 @@ from spidar_gym.envs.grasp_env import GraspEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.observations import MOST, OBSERVATIONS, privileged_layout
 from spidar_gym.envs.path_env import PathEnv
-from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
+from spidar_gym.envs.registry import COURSE, ENVIRONMENTS, GRASP, environment, import_id
 from spidar_gym.envs.suite import CEILING, CLASSICAL, LAZY, SUITE, SUITE_IDS, M, SuiteTask, read_anchors
 from spidar_gym.robot import field_docs, source_doc
 from spidar_gym.robot.description import CAMERAS
@@ -519,6 +519,7 @@ def pages() -> dict[str, str]:
     found = {f"suite/{name}.md": suite_page(name) for name in SUITE}
     for name in ENVIRONMENTS:
         short = name.split("/")[1]
-        picture = f"![{name} from each camera](../pictures/environment-{short}.png)\n\n## Description\n"
+        shown = "at four moments" if name in (COURSE, GRASP) else "from each camera"
+        picture = f"![{name} {shown}](../pictures/environment-{short}.png)\n\n## Description\n"
         found[f"environments/{short}.md"] = page(name).replace("## Description\n", picture, 1)
     return found
