@@ -174,10 +174,10 @@ def require_windows(name: str, value: object) -> tuple[tuple[float, float], ...]
 
 
 def require_arrays(config: Any) -> None:  # noqa: ANN401 - any dataclass
-    """Raise `InvalidValueError` if a dataclass of numbers has a value that is not finite or has a wrong shape."""
+    """Raise `InvalidValueError` if a number of a dataclass is not finite or has a wrong shape; words are ignored."""
     for f in fields(config):
         value = getattr(config, f.name)
-        if isinstance(value, bool):
+        if isinstance(value, bool) or isinstance(f.default, str):
             continue
         shape = f.default_factory().shape if callable(f.default_factory) else ()
         what = f"finite numbers of shape {shape}" if shape else "a finite number"

@@ -31,6 +31,7 @@ COMPARED: dict[str, dict[str, tuple[str, float, str]]] = by_group({
     },
     "ground": _ON_THE_GROUND,
     "course": _ON_THE_GROUND,
+    "grasp": _ON_THE_GROUND,
 })  # fmt: skip
 """Compared metrics of each group of tracks: metric → heading, factor, unit."""
 

@@ -135,7 +135,7 @@ def _check_track(name: str, track: Mapping[str, Any], runs: int) -> None:
     if name not in TRACKS or load_scenarios(name, track["split"])[1] != track["scenarios_sha256"]:
         raise RowError(f"{_plain(name)} has other scenarios; valid: {ANEW}")
     world = track.get("world")
-    if (world is not None) != TRACKS[name].is_calibrated:
+    if (world is None) != (TRACKS[name].calibration is None):
         raise RowError(f"{name} has {'no' if world is None else 'a'} calibrated world; valid: {ANEW}")
     if world is not None:
         check_name(world["name"])

@@ -54,6 +54,12 @@ SHOWN: dict[str, tuple[tuple[str, str, float, int], ...]] = by_group({
         ("attitude_rms_rad", "tilt mrad", 1e3, 1), ("hit_n", "contact N", 1.0, 1), ("thrust_mean", "Σλ/mg", 1.0, 3),
         ("torque_share", "τ share", 1.0, 2), ("unsolved", "unsolved", 1.0, 2),
     ),
+    "grasp": (
+        ("duration_s", "s", 1.0, 1), ("energy_wh", "Wh", 1.0, 1), ("final_error_m", "final mm", 1e3, 1),
+        ("final_yaw_rad", "yaw mrad", 1e3, 1), ("lifted_m", "lifted m", 1.0, 2), ("force_n", "force N", 1.0, 1),
+        ("force_share", "force share", 1.0, 2), ("tries", "tries", 1.0, 0), ("attitude_rms_rad", "tilt mrad", 1e3, 1),
+        ("thrust_mean", "Σλ/mg", 1.0, 3), ("torque_share", "τ share", 1.0, 2), ("unsolved", "unsolved", 1.0, 2),
+    ),
 })  # fmt: skip
 """Metrics of the tables by group: name, heading, factor, digits; medians over runs and scenarios."""
 COUNTED = ("unsolved", "violations")

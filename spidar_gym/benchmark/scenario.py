@@ -12,10 +12,11 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from spidar_gym.benchmark.track import BOTH, GROUND, SCENARIOS, SPLITS, TRACKS, Track, find_track
+from spidar_gym.benchmark.track import BOTH, GRASPING, GROUND, SCENARIOS, SPLITS, TRACKS, Track, find_track
 from spidar_gym.border import BorderError, parse_json, read_file, require_form
 from spidar_gym.control.course.gates import parse_course, plain_course
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.grasp.scene import parse_scene, plain_scene
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import PATH
@@ -25,6 +26,7 @@ from spidar_gym.robot.description import assets_dir
 from spidar_gym.sim.randomize import Randomization
 from spidar_gym.so3 import exp
 from spidar_gym.tasks.course import CourseTask
+from spidar_gym.tasks.grasp import GraspTask
 from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.tasks.path import PathTask
 from spidar_gym.tasks.start import FlightStart, draw_start
@@ -55,6 +57,11 @@ START = {
 """Form of a flight's start."""
 COURSE_START = {"gates": [list], "goal": [float], "tiles": [float], "dares": bool}
 """Form of a course's start."""
+SCENE = {
+    "shape": str, "half_size": [float], "com": [float], "bias": [float], "start": [float], "goal": [float],
+    **dict.fromkeys(("mass", "friction", "most_force", "stand", "floor"), float),
+}  # fmt: skip
+"""Form of a grasp's scene."""
 HOVER_TICKS = 200
 """Duration of the hover that determines the mean force of the wind [ticks]."""
 
@@ -71,7 +78,7 @@ class Scenario:
     """Arguments of the environment in addition to the track's options."""
     start: Mapping[str, Any] | None
     """Start of the episode. Flight: offset, goals with start and deadline, initial wrench of the integrals, path knots.
-    Course: gates, goal and tiles."""
+    Course: gates, goal and tiles. Grasp: the scene."""
     disturbances: Mapping[str, Any]
     """Disturbances during the episode."""
     robot: str
@@ -100,6 +107,8 @@ def draw_scenario_from(track: Track, rng: np.random.Generator, index: int) -> Sc
     start = None
     if track.world == BOTH:
         start = _rounded(plain_course(CourseTask(**_own(CourseTask, track, options)).draw_course(rng)))
+    elif track.world == GRASPING:
+        start = _rounded(plain_scene(GraspTask(**_own(GraspTask, track, options)).draw_scene(rng)))
     elif track.flies:
         kind = PathTask if track.env_id == PATH else HoverTask
         task = kind(horizon_s=track.seconds, perturbation=OFFSET, **_own(kind, track, options))
@@ -216,7 +225,8 @@ def reset_options(scenario: Scenario) -> dict[str, Any]:
     options: dict[str, Any] = {"disturbances": dict(scenario.disturbances)}
     if scenario.start is None:
         return options
-    return {"course" if "gates" in scenario.start else "start": scenario.start, **options}
+    name = "course" if "gates" in scenario.start else "scene" if "friction" in scenario.start else "start"
+    return {name: scenario.start, **options}
 
 
 def scenario_text(name: str, split: str, *, on_scenario: Callable[[], object] = lambda: None) -> str:
@@ -291,6 +301,9 @@ def _scenario(track: Track, index: int, entry: Mapping[str, Any]) -> Scenario:
     if track.world == BOTH:
         require_form({**start}, COURSE_START, "start")
         parse_course(start)
+    elif track.world == GRASPING:
+        require_form({**start}, SCENE, "start")
+        parse_scene(start)
     elif start is not None:
         require_form({"trim": None, "path": None, **start}, START, "start")
         if (FlightStart.parse(start).path is None) != (track.env_id != PATH):

@@ -12,9 +12,10 @@ from spidar_gym.benchmark.tally import FleetWatch, Tally
 from spidar_gym.benchmark.track import REST_S, Track, find_track
 from spidar_gym.control.course.gates import parse_course
 from spidar_gym.control.flight.controller import CONTROL_RATE
+from spidar_gym.control.grasp.scene import parse_scene
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.progress import CourseProgress, CrawlProgress, FlightProgress
+from spidar_gym.envs.progress import PROGRESS, AnyProgress, FlightProgress
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.policies.actor import Actor
 from spidar_gym.policies.policy import BatchPolicy, Policy, control_of, policy_arguments
@@ -139,6 +140,8 @@ def play_scenarios(
     actor = Actor(policy, (count, *(env.action_space.shape or ())), place, limit_s=act_limit_s * count)
     for k, scenario in enumerate(scenarios):
         options = reset_options(scenario)
+        if "scene" in options:
+            fleet.set_scene(k, parse_scene(options["scene"]))
         fleet.disturb(k, Disturbances.parse(options["disturbances"]))
         if "start" in options:
             fleet.begin_with(k, FlightStart.parse(options["start"]))
@@ -191,12 +194,12 @@ def _steps_of(seconds: float, env: SpidarEnv) -> int:
     return round(seconds * CONTROL_RATE / env.hold)
 
 
-def _progress(fleet: Fleet, robot: int) -> FlightProgress | CrawlProgress | CourseProgress:
+def _progress(fleet: Fleet, robot: int) -> AnyProgress:
     """Return the progress of a robot's episode."""
     record = fleet.robots[robot]
     if fleet.kind == "hover":
         return FlightProgress.read(record, fleet.goals[robot])
-    return (CourseProgress if fleet.kind == "course" else CrawlProgress).read(record)
+    return PROGRESS[fleet.kind].read(record)
 
 
 def _timing(acts: Sequence[float], steps: Sequence[float], wall: float, share: int) -> dict[str, Any]:

@@ -9,11 +9,20 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.benchmark.metrics import METRICS, told_in
-from spidar_gym.benchmark.track import BOTH, FLIGHT, GROUND, course_error, flight_error, ground_error
+from spidar_gym.benchmark.track import (
+    BOTH,
+    FLIGHT,
+    GRASPING,
+    GROUND,
+    course_error,
+    flight_error,
+    grasp_error,
+    ground_error,
+)
 from spidar_gym.control.allocation.allocator import ANSWERED
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.fleet import Fleet
-from spidar_gym.envs.progress import CourseProgress, CrawlProgress, FlightProgress
+from spidar_gym.envs.progress import AnyProgress, CourseProgress, CrawlProgress, FlightProgress, GraspProgress
 from spidar_gym.model.interference import InterferenceConfig, no_interference
 from spidar_gym.native.constants import PROGRAMS
 from spidar_gym.native.engine_structs import engine_layouts
@@ -38,13 +47,13 @@ class Look:
     diverged: np.ndarray
     """Whether the simulation diverged, so that the other fields are invalid (N,)."""
     finished: np.ndarray
-    """Whether a crawl or a course is finished (N,)."""
+    """Whether a crawl, a course or a grasp is finished (N,)."""
     position: np.ndarray
-    """Position error of a flight, world (N, 3) [m]; zeros on the ground and on courses."""
+    """Position error of a flight, world (N, 3) [m]; zeros elsewhere."""
     attitude: np.ndarray
-    """Attitude error of a flight (N, 3); tilt on the ground and on courses (N, 1) [rad]."""
+    """Attitude error of a flight (N, 3); tilt elsewhere (N, 1) [rad]."""
     joints: np.ndarray
-    """Planned minus true joint angles (N, 16) [rad]; zeros on courses."""
+    """Planned minus true joint angles of a flight or crawl (N, 16) [rad]; zeros elsewhere."""
     joint_torque: np.ndarray
     """Torque of the servos (N, 16) [Nm]."""
     torque_limit: np.ndarray
@@ -54,7 +63,7 @@ class Look:
     unsolved: np.ndarray
     """Whether the allocation found no solution (N,)."""
     breaks: np.ndarray
-    """Whether a constraint is violated (N,); False on courses."""
+    """Whether a constraint is violated in a flight or crawl (N,); False elsewhere."""
 
 
 class FleetWatch:
@@ -81,7 +90,7 @@ class FleetWatch:
             position, attitude, finished = infos["position_error"], infos["attitude_error"], np.zeros(len(ids), bool)
             wanted = self._watches["planned"][ids]
             breaks |= self._watches["interferes"][ids] > 0
-        elif fleet.kind == "course":
+        elif fleet.kind in ("course", "grasp"):
             position, attitude, finished = np.zeros((len(ids), 3)), infos["tilt_rad"][:, None], infos["finished"]
             wanted, breaks = plant["state"]["joint_position"][ids], np.zeros(len(ids), bool)
         else:
@@ -135,9 +144,7 @@ class Tally:
         self._thrust[ids] += np.where(under_way, _sum(look.thrust_command) / ROBOT.weight, 0.0)
         self._violations[ids] += under_way & look.breaks
 
-    def metrics(
-        self, robot: int, info: dict[str, Any], progress: FlightProgress | CrawlProgress | CourseProgress
-    ) -> dict[str, Any]:
+    def metrics(self, robot: int, info: dict[str, Any], progress: AnyProgress) -> dict[str, Any]:
         """Return the `METRICS` of a finished episode by name (None where not defined); `info` is the last one."""
         counted = int(self.ticks[robot])
         if isinstance(progress, FlightProgress):
@@ -145,7 +152,8 @@ class Tally:
         elif isinstance(progress, CrawlProgress):
             world, own = GROUND, _crawl(info, progress)
         else:
-            world, own = BOTH, _course(info, progress)
+            is_course = isinstance(progress, CourseProgress)
+            world, own = (BOTH, _course(info, progress)) if is_course else (GRASPING, _grasp(info, progress))
             counted = max(1, int(self._under_way[robot]))
         if isinstance(progress, CrawlProgress) and progress.finished:
             counted = max(1, round(progress.finished * CONTROL_RATE))
@@ -218,6 +226,25 @@ def _course(info: dict[str, Any], progress: CourseProgress) -> dict[str, Any]:
         "flown_s": float(info["flown_s"]),
         "crawled_s": float(info["crawled_s"]),
         "hit_n": hit,
+    }
+
+
+def _grasp(info: dict[str, Any], progress: GraspProgress) -> dict[str, Any]:
+    """Return the metrics of grasps."""
+    seconds, force = progress.arrived or progress.time, progress.most_force
+    failed = bool(info["failure"]) or not info["is_success"]
+    share = force / progress.bears
+    return {
+        "error": grasp_error(seconds, info["energy_wh"], float(info["way_m"]), share, failed=failed),
+        "failed": failed,
+        "failure": info["failure"] or ("late" if failed else ""),
+        "final_error_m": float(np.linalg.norm(info["object_error"])),
+        "final_yaw_rad": float(info["yaw_error_rad"]),
+        "duration_s": seconds,
+        "lifted_m": max(0.0, progress.most_lifted),
+        "force_n": force,
+        "force_share": share,
+        "tries": progress.tries,
     }
 
 

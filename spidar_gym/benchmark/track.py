@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
+from spidar_gym.envs.registry import COURSE, CRAWL, GRASP, HOVER, PATH
 from spidar_gym.errors import require_name
 from spidar_gym.sim.randomize import Randomization
 from spidar_gym.sim.worlds import World
@@ -16,7 +16,7 @@ CAP = 5.0
 SCENARIOS = 50
 """Number of scenarios per track and split."""
 SECOND = "second"
-"""Split with a second draw of the test scenarios of calibrated tracks, which shows what the first draw decides."""
+"""Split with a second draw of the test scenarios of calibrated tracks and grasps: what the first draw decides."""
 SPLITS = {"test": 0, "validation": 1, SECOND: 4}
 """Splits and their numbers in the scenarios' seeds: rows use `test`; `validation` is for the selection among the user's
 policies. The search uses 2, the held-out conditions 3."""
@@ -31,15 +31,18 @@ REST_SCALE, ENERGY_SCALE = 0.02, 20.0
 TIME_SCALE, WAY_SCALE, MISS_SCALE, HIT_SCALE = 10.0, 5.0, 0.03, 20.0
 """A course with this time [s/m] and energy [Wh/m] per metre from start to goal, this final error [m, a radian counts
 0.5 m] and this largest contact force [N] has error 1."""
-FLIGHT, GROUND, BOTH = "flight", "ground", "course"
-"""World of a track: in the air, on the floor, or both."""
-GROUPED = {HOVER: "flight", CRAWL: "ground", PATH: "path", COURSE: "course"}
+GRASP_TIME_SCALE, GRASP_ENERGY_SCALE, PLACE_SCALE = 40.0, 45.0, 0.05
+"""A grasp with this time [s], this energy [Wh], this final error of the object [m, a radian counts 0.5 m] and the
+largest force of a foot that the object bears has error 1."""
+FLIGHT, GROUND, BOTH, GRASPING = "flight", "ground", "course", "grasp"
+"""World of a track: in the air, on the floor, both, or with an object."""
+GROUPED = {HOVER: "flight", CRAWL: "ground", PATH: "path", COURSE: "course", GRASP: "grasp"}
 """Environment → group of its tracks. `flight` and `ground` have an overall score each."""
 CALIBRATED = {FLIGHT: "calibrated flight", GROUND: "calibrated ground"}
 """World of a track → group of the tracks with robots of a calibrated world, with an overall score each."""
 REFERENCES = {
     "calibrated flight": "qp", "calibrated ground": "qp", "flight": "qp", "ground": "qp", "path": "qp",
-    "course": "course_rule", "steps": "qp",
+    "course": "course_rule", "grasp": "grasp_rule", "steps": "qp",
 }  # fmt: skip
 """Group → reference row of its scores."""
 
@@ -69,8 +72,8 @@ class Track:
 
     @property
     def world(self) -> str:
-        """World of the track: FLIGHT, GROUND or BOTH."""
-        return {CRAWL: GROUND, COURSE: BOTH}.get(self.env_id, FLIGHT)
+        """World of the track: FLIGHT, GROUND, BOTH or GRASPING."""
+        return {CRAWL: GROUND, COURSE: BOTH, GRASP: GRASPING}.get(self.env_id, FLIGHT)
 
     @property
     def flies(self) -> bool:
@@ -94,8 +97,8 @@ class Track:
 
     @property
     def splits(self) -> tuple[str, ...]:
-        """Splits of the track's scenarios; only calibrated tracks have a second draw."""
-        return tuple(name for name in SPLITS if name != SECOND or self.is_calibrated)
+        """Splits of the track's scenarios; only calibrated tracks and grasps have a second draw."""
+        return tuple(name for name in SPLITS if name != SECOND or self.is_calibrated or self.world == GRASPING)
 
     def robots(self, index: int) -> Randomization:
         """Return the randomisation of a scenario's robot; scenarios have the kinds of a calibrated world in turn.
@@ -125,6 +128,11 @@ class Track:
             return (
                 f"¼ (time per metre / {TIME_SCALE:g} s/m + energy per metre / {WAY_SCALE:g} Wh/m + final error / "
                 f"{MISS_SCALE:g} m + largest contact force / {HIT_SCALE:g} N), a radian counts 0.5 m"
+            )
+        if self.world == GRASPING:
+            return (
+                f"¼ (time / {GRASP_TIME_SCALE:g} s + energy / {GRASP_ENERGY_SCALE:g} Wh + final error of the object / "
+                f"{PLACE_SCALE:g} m + largest force of a foot / force that the object bears), a radian counts 0.5 m"
             )
         if self.flies:
             late = "" if self.settle == SETTLE_S else f", RMS from {self.settle:g} s"
@@ -224,6 +232,22 @@ TRACKS: dict[str, Track] = {
         "walls, beams, slots, the goal on a plain floor, platform, tiles or slope; robots randomised at strength 1, "
         "real sensors", COURSE, 300.0, {"sensors": True, "randomization": 1.0},
     ),
+    "grasp-claw": Track(
+        "a ball of 0.25 m radius and 1 kg, friction 0.4 … 0.8, between blocks; robots of the calibrated world", GRASP,
+        90.0, {**_WORLD, "shapes": ("ball",), "half_width": (0.25, 0.25), "mass": (1.0, 1.0), "friction": (0.4, 0.8)},
+    ),
+    "grasp-boxes": Track(
+        "boxes and cylinders of 0.3 … 3 kg, friction 0.4 … 1; robots of the calibrated world, half in wind of "
+        "1 … 2 m/s",
+        GRASP, 90.0, _WORLD, disturbances={"wind": (1.0, 2.0)}, calm=0.5,
+    ),
+    "grasp-fragile": Track(
+        "boxes and cylinders of 0.3 … 6 kg, friction 0.3 … 0.9, that bear 8 … 30 N a foot, on stands up to 0.4 m; "
+        "robots of the calibrated world, half in wind of 1 … 2 m/s", GRASP, 90.0,
+        {**_WORLD, "mass": (0.3, 6.0), "friction": (0.3, 0.9), "most_force": (8.0, 30.0), "stand": (0.0, 0.4),
+         "floor": (0.0, 0.4)},
+        disturbances={"wind": (1.0, 2.0)}, calm=0.5,
+    ),
 }  # fmt: skip
 """Every track by id."""
 
@@ -262,6 +286,23 @@ def ground_error(rest: float, energy_per_m: float, *, failed: bool) -> float:
         failed: Whether it ended early or was not finished in time; the error is `CAP`.
     """
     return CAP if failed else min(CAP, 0.5 * (rest / REST_SCALE + energy_per_m / ENERGY_SCALE))
+
+
+def grasp_error(seconds: float, energy_wh: float, rest: float, pressed: float, *, failed: bool) -> float:
+    """Compute the error of a grasp: ¼ (time / 40 s + energy / 45 Wh + final error / 0.05 m + force share).
+
+    Args:
+        seconds: Time until the object was delivered [s].
+        energy_wh: Energy until then [Wh].
+        rest: Distance of the object from its place in the end, a radian counting 0.5 m [m].
+        pressed: Largest force of a foot over the force that the object bears.
+        failed: Whether it ended early, as with a dropped object, or the object was not delivered in time.
+
+    Returns:
+        The error, at most `CAP`, and `CAP` for a failed grasp.
+    """
+    error = 0.25 * (seconds / GRASP_TIME_SCALE + energy_wh / GRASP_ENERGY_SCALE + rest / PLACE_SCALE + pressed)
+    return CAP if failed else min(CAP, error)
 
 
 def course_error(seconds_per_m: float, energy_per_m: float, rest: float, hit: float, *, failed: bool) -> float:

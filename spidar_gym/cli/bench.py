@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 import spidar_gym.envs.registry
-from spidar_gym.benchmark.track import WORLD
+from spidar_gym.cli.bench_in_turn import TURNS, WARM, effect_lines, effects, grasp_lines, grasps, took
 from spidar_gym.control.allocation.allocator import Allocator
 from spidar_gym.control.allocation.modes import find_allocation
 from spidar_gym.control.allocation.problem import Demand, assemble
@@ -22,11 +22,7 @@ from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.registry import COURSE
 from spidar_gym.native.bare import BarePhysics
 from spidar_gym.policies.rollout import rollout
-from spidar_gym.robot import FORMS, N_JOINTS, N_ROTORS, ROBOT
-from spidar_gym.sim.actuators import ActuatorConfig
-from spidar_gym.sim.air import AeroConfig
-from spidar_gym.sim.config import PlantConfig
-from spidar_gym.sim.recirculation import RecirculationConfig
+from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
 from spidar_gym.so3 import exp
 from spidar_gym.text import format_table
 
@@ -41,33 +37,9 @@ KINDS: dict[str, dict[str, Any]] = {
 
 On a course, zero actions follow the targets of the rule, `course_rule`.
 """
-_EDDIES = RecirculationConfig(flow_xy=0.02, flow_z=0.04, turn_xy=0.05, turn_z=0.02, near=1.0)
-_EFFECTS: dict[str, dict[str, Any]] = {
-    "servo speed": {"servo_speed": np.full(N_JOINTS, 0.94)},
-    "jitter and loss of commands": {"jitter": 0.01, "loss": 0.02},
-    "play of the vectoring axes": {"vectoring_backlash": 0.005},
-    "friction of the vectoring axes": {"vectoring_friction": 0.05},
-    "board at low voltage": {"battery": True, "battery_spent": 0.5, "board_scaling": True},
-}
-EFFECTS: dict[str, PlantConfig] = {
-    "recirculation": PlantConfig(recirculation=_EDDIES),
-    "loss of stacked modules": PlantConfig(aero=AeroConfig(stacking_loss=0.06)),
-    **{name: PlantConfig(actuators=ActuatorConfig(**options)) for name, options in _EFFECTS.items()},
-    "all of them": PlantConfig(
-        actuators=ActuatorConfig(**{name: value for options in _EFFECTS.values() for name, value in options.items()}),
-        aero=AeroConfig(stacking_loss=0.06), recirculation=_EDDIES,
-    ),
-}  # fmt: skip
-"""Effects of the calibrated world that no other environment has; each is timed on randomised robots."""
-MOVING: dict[str, Any] = {**KINDS["Hover, drawn, sensors"], "forms": "narrow", "joint_speed": 1.0}
-"""Environment of the effects: legs that move, with rotors above each other."""
-OFF = "none"
-"""Name of the randomised robots without any of `EFFECTS`."""
-CROWD = 16
-"""Number of robots on which an effect is timed."""
 CROWDS = ((1, 1), (64, 1), (64, 2), (256, 1), (256, 2))
 """Numbers of robots and threads; a single robot is an environment of `gymnasium.make`."""
-PARTS = 10 + len(KINDS) * len(CROWDS)
+PARTS = 11 + len(KINDS) * len(CROWDS)
 """Number of progress steps of `run_bench`."""
 PAIRS: dict[str, dict[str, Any]] = {
     "independent": {"forms": "independent"},
@@ -78,10 +50,8 @@ PAIRS: dict[str, dict[str, Any]] = {
 """Environments in which the Python and the compiled controller are timed in turn, in the same run."""
 ROUNDS = 5
 """Repetitions of each of `PAIRS`."""
-TURNS = 31
-"""Repetitions of engine and bare physics, each short, since the speed of a machine changes within a second."""
-WARM, HOT = 60, 20
-"""Control steps before timing, and timed control steps of the simulation that stays in the cache."""
+HOT = 20
+"""Timed control steps of the simulation that stays in the cache."""
 CLIMB = 240
 """Control steps before timing of robots that have to take off first."""
 HARD_STATES = 400
@@ -152,7 +122,9 @@ def run_bench(*, seconds: float = 0.5, on_step: Callable[[str], None] = lambda _
         for robots, threads in CROWDS
     ]
     on_step("effects")
-    result["effects"] = _effects(seconds)
+    result["effects"] = effects(seconds)
+    on_step("grasps")
+    result["grasps"] = grasps(seconds)
     return result
 
 
@@ -178,9 +150,9 @@ def _crowd(
         bare.take(env.fleet.engine)
         hot.take(alone.fleet.engine)
         times.append([
-            _time(lambda: [env.step(action) for _ in range(ticks)], ticks * robots),
-            _time(lambda: bare.step(ticks), ticks * robots),
-            _time(lambda: hot.step(HOT), HOT),
+            took(lambda: [env.step(action) for _ in range(ticks)], ticks * robots),
+            took(lambda: bare.step(ticks), ticks * robots),
+            took(lambda: hot.step(HOT), HOT),
         ])  # fmt: skip
         warm = 1
     bare.close()
@@ -194,44 +166,6 @@ def _crowd(
     }
     shares = {f"of_{of}": float(np.median(cpu[:, k] / cpu[:, 0])) for k, of in ((1, "bare"), (2, "hot"))}
     return {"environment": name, "robots": robots, "threads": threads, **medians, **shares}
-
-
-def _effects(seconds: float) -> list[dict[str, Any]]:
-    """Time a control step of randomised robots with each effect, in turn; medians over `TURNS` of the CPU time [µs]."""
-    options: dict[str, dict[str, Any]] = {OFF: {}, **{name: {"plant": plant} for name, plant in EFFECTS.items()}}
-    options[WORLD] = {"randomization": WORLD}
-    envs = {
-        name: gymnasium.make_vec(num_envs=CROWD, num_threads=1, **(MOVING | own)) for name, own in options.items()
-    }  # fmt: skip
-    action = np.zeros(next(iter(envs.values())).action_space.shape or ())
-    for env in envs.values():
-        env.reset(seed=0)
-        for _ in range(WARM):
-            env.step(action)
-    ticks = max(1, round(32 * seconds))
-    times = np.array([
-        [_time(lambda env=env: [env.step(action) for _ in range(ticks)], ticks * CROWD)[1] for env in envs.values()]
-        for _ in range(TURNS)
-    ])  # fmt: skip
-    for env in envs.values():
-        env.close()
-    return [
-        {"effect": name, "cpu_us": float(np.median(times[:, k])), "ratio": float(np.median(times[:, k] / times[:, 0]))}
-        for k, name in enumerate(envs)
-    ]
-
-
-def effect_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """Return the table of the costs of effects, as CPU time of a randomised robot's control step."""
-    lines = [["effect", "CPU [µs]", "more than without"]]
-    return lines + [[row["effect"], f"{row['cpu_us']:.0f}", f"{row['ratio'] - 1.0:+.1%}"] for row in rows]
-
-
-def _time(work: Callable[[], object], steps: int) -> tuple[float, float]:
-    """Return wall and CPU time of a step [µs]."""
-    wall, cpu = time.perf_counter(), time.process_time()
-    work()
-    return 1e6 * (time.perf_counter() - wall) / steps, 1e6 * (time.process_time() - cpu) / steps
 
 
 def engine_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
@@ -383,6 +317,9 @@ def bench_table(result: dict[str, Any]) -> str:
         "",
         "a control step of a randomised robot with sensors and one effect of the calibrated world, CPU time",
         format_table(effect_lines(result["effects"]), left=1),
+        "",
+        "a control step of a robot of the calibrated world in flight, in a crawl and in a grasp, CPU time",
+        format_table(grasp_lines(result["grasps"]), left=1),
         "",
         "the Python controller, form by form",
         format_table(part_lines(result), left=1),

@@ -61,6 +61,8 @@ BASELINES = (
     "baselines.course:CourseRule", "baselines.course:CourseFly", "baselines.course:CourseCrawl",
     "baselines.course_planner:CoursePlanner", "baselines.course_steady:SteadyRule",
     "baselines.course_steady:SteadyPlanner",
+    "baselines.grasp:GraspRule", "baselines.grasp:Grasp10", "baselines.grasp:Grasp20", "baselines.grasp:Grasp30",
+    "baselines.grasp:GraspJoints", "baselines.grasp:GraspPaperRows", "baselines.grasp:GraspTold",
 )  # fmt: skip
 """The classical baselines."""
 

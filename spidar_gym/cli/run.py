@@ -22,6 +22,7 @@ from spidar_gym.envs.actions import ACTION_MODES, COURSE_MODES, CRAWL_MODES
 from spidar_gym.envs.course_env import CourseEnv
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.grasp_env import GraspEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.observations import OBSERVATIONS
 from spidar_gym.envs.registry import COURSE, Entry, environment
@@ -287,6 +288,8 @@ def _phase(inner: SpidarEnv, info: dict[str, Any]) -> str:
     """Return the phase: of the crawl, of the course with its form, or whether the flight's joint targets change."""
     if isinstance(inner, CourseEnv) and inner.target is not None and inner.target.flies:
         return f"{info['phase']}, {inner.target.narrow:.0%} narrow"
+    if isinstance(inner, GraspEnv) and info["phase"] == "grasp":
+        return f"{info['grasp_phase'].replace('_', ' ')}, {info['payload_kg']:.1f} kg"
     if not isinstance(inner, HoverEnv):
         return str(info["phase"])
     return "hover" if np.array_equal(inner.progress.plan(), inner.progress.goal.joint_target) else "legs move"
@@ -304,13 +307,18 @@ def _take(
     elif isinstance(player.inner, CourseEnv):
         values = (np.array([info[name] for info in infos]) for name in ("thrust_fraction", "charge"))
         traces = viz.course_traces(qpos, *values)
+    elif isinstance(player.inner, GraspEnv):
+        names = ("grip_n", "force_n", "thrust_fraction")
+        traces = viz.grasp_traces(qpos, *(np.array([info[name] for info in infos]) for name in names))
     else:
         traces = viz.crawl_traces(qpos)
     robot, time = player.inner.robot, np.arange(1, len(qpos) + 1) * player.inner.hold / CONTROL_RATE
     thrust = np.array([info["thrust"] for info in infos])
     pace = COURSE_PACE if isinstance(player.inner, CourseEnv) else 1.0
-    ground = player.inner.plant.config.ground
-    return viz.Take(player.name, time, qpos, thrust, phases, traces, contacts, ground, pace, robot)
+    config = player.inner.plant.config
+    return viz.Take(
+        player.name, time, qpos, thrust, phases, traces, contacts, config.ground, pace, robot, config.object
+    )
 
 
 def _summary(steps: list[Step], period: float) -> str:
@@ -341,6 +349,14 @@ def chosen_arguments(policy: Policy | None, spec: str | None, env_id: str, given
 def _errors(infos: list[dict[str, Any]]) -> str:
     """Return an episode's errors in words."""
     last = infos[-1]
+    if "object_error" in last:
+        x, y, z = (1e3 * last["object_error"]).tolist()
+        lifted = max(info["lifted_m"] for info in infos)
+        return (
+            f"object off by {x:.1f}, {y:.1f}, {z:.1f} mm, {1e3 * last['yaw_error_rad']:.1f} mrad, "
+            f"lifted by {lifted:.2f} m, largest force of a foot {last['most_force_n']:.0f} N, "
+            f"grasps begun: {last['tries']}"
+        )
     if "goal_error" in last:
         x, y, yaw = (1e3 * last["goal_error"]).tolist()
         if "charge" in last:

@@ -16,7 +16,8 @@ from spidar_gym.benchmark.row import BASES, read_row, read_rows
 from spidar_gym.benchmark.suite_results import RESULTS as SUITE_RESULTS
 from spidar_gym.benchmark.suite_results import read_results, suite_lines, task_lines, variant_lines
 from spidar_gym.benchmark.track import CALIBRATED, FLIGHT, TRACKS, WORLD
-from spidar_gym.cli.bench import effect_lines, engine_lines
+from spidar_gym.cli.bench import engine_lines
+from spidar_gym.cli.bench_in_turn import effect_lines, grasp_lines
 from spidar_gym.cli.cards import card_lines, method_lines
 from spidar_gym.control.presets import FORMER_PRESETS, PRESETS, controller_config
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
@@ -184,6 +185,7 @@ DRAWN: dict[str, Callable[[Any], Lines]] = {
     "leg_falls": lambda result: check_lines(result["leg_falls"]),
     "engine": lambda result: engine_lines(result["engine"]),
     "effects": lambda result: effect_lines(result["effects"]),
+    "grasp_costs": lambda result: grasp_lines(result["grasps"]),
 }
 """Tables of results by the key `table`: the JSON of a command's `--json` → the table that it prints otherwise."""
 

@@ -18,6 +18,7 @@ from spidar_gym.control.crawl.observation import CrawlObservables
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.memory import ControlState, FlightRecord
 from spidar_gym.control.flight.observation import FlightObservables
+from spidar_gym.control.grasp.grip import Grip
 from spidar_gym.model.dynamics import Model
 from spidar_gym.state import NO_RESIDUAL, Command, Reference, Residual, RobotState
 
@@ -93,8 +94,9 @@ class FlightControl(Controller, Protocol):
         reference: Reference,
         residual: Residual = NO_RESIDUAL,
         control_state: ControlState | None = None,
+        grip: Grip | None = None,
     ) -> Command:
-        """Compute the command of one control tick."""
+        """Compute the command of one control tick; `grip`: an object near the robot, and what the legs do with it."""
         ...
 
     def observe(self, observables: FlightObservables, *, bound: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from spidar_gym.arrays import RotorForces, RotorMask, Vectoring, Wrench, constan
 from spidar_gym.control.allocation.blocks import torque_map
 from spidar_gym.control.allocation.problem import Demand, Mode
 from spidar_gym.model.dynamics import Snapshot
-from spidar_gym.model.interference import Interference, InterferenceConfig, find_interference, no_interference
+from spidar_gym.model.interference import Disc, Interference, InterferenceConfig, find_interference, no_interference
 from spidar_gym.model.rotor import Lock, LockConfig, nominal_vectoring, thrust_map, update_lock
 from spidar_gym.robot import N_ROTORS
 
@@ -40,7 +40,7 @@ def fresh_rotors(vectoring: Vectoring, forces_l: RotorForces) -> RotorMemory:
 def flight_demand(
     memory: RotorMemory, mode: Mode, snapshot: Snapshot, vectoring: Vectoring, wrench: Wrench, *,
     lost_thrust: RotorMask, lost_vectoring: RotorMask, interference_config: InterferenceConfig, lock_config: LockConfig,
-    thrust_limit: float = math.inf,
+    thrust_limit: float = math.inf, disc: Disc | None = None,
 ) -> tuple[Demand, Lock, Interference]:  # fmt: skip
     """Build the allocation's demand: the wrench, the maps, and the rotors that are locked or restricted.
 
@@ -55,9 +55,10 @@ def flight_demand(
         interference_config: Thresholds of the interference test.
         lock_config: Thresholds and rates of the φ lock.
         thrust_limit: λ̄ at the present voltage [N].
+        disc: The top of an object below, which jets avoid too.
     """
     nominal = nominal_vectoring(snapshot.R_bl, memory.vectoring)
-    bounds = find_interference(snapshot, nominal, memory.interference, config=interference_config)
+    bounds = find_interference(snapshot, nominal, memory.interference, config=interference_config, disc=disc)
     if not mode.avoid_interference:
         bounds = replace(bounds, restricted=ALL_FREE)
     lock = update_lock(memory.lock, bounds.restricted, nominal, snapshot, memory.vectoring[:, 0], config=lock_config)

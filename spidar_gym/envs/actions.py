@@ -12,6 +12,7 @@ from spidar_gym.arrays import JointVector
 from spidar_gym.control.course.gates import CEILING
 from spidar_gym.control.course.target import SWEEP, WAY
 from spidar_gym.control.flight.controller import CONTROL_RATE, FlightController
+from spidar_gym.control.grasp.phases import SAFE_GRIP, STEER_RADIUS, STEER_SPEED, STEER_TURN
 from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.control.locomotion.commands import SPEEDS
 from spidar_gym.errors import InvalidValueError, require_name, require_within
@@ -79,6 +80,11 @@ LEG_FORCES = Channel(
     3 * N_LEGS,
     f"± {LEG_AUTHORITY:g} N on the sum of each leg's rotor forces, torso axes x, y, z of leg 0 …",
 )
+FOOT_FORCES = Channel(
+    "leg_forces",
+    3 * N_LEGS,
+    f"± {LEG_AUTHORITY:g} N on the force with which each foot presses on the object, torso axes x, y, z of leg 0 …",
+)
 FORCES = Channel("forces", 3 * N_ROTORS, f"± {FORCE_AUTHORITY:g} N on each rotor force, link axes x, y, z of rotor 1 …")
 
 
@@ -114,6 +120,11 @@ def _gait(action: np.ndarray) -> Residual:
 
 def _gait_force(action: np.ndarray) -> Residual:
     return replace(_gait(action[: GAIT.size]), leg_forces_b=LEG_AUTHORITY * action[GAIT.size :].reshape(N_LEGS, 3))
+
+
+def _grasp(action: np.ndarray, robot: RobotSpec) -> Residual:
+    feet = LEG_AUTHORITY * action[-3 * N_LEGS :].reshape(N_LEGS, 3)
+    return replace(_both(action[: -3 * N_LEGS], robot), leg_forces_b=feet)
 
 
 TORSO = "torso_forces"
@@ -252,6 +263,8 @@ def action_modes(robot: RobotSpec, scale: TorsoScale = TorsoScale()) -> dict[str
 
 ACTION_MODES = action_modes(ROBOT)
 """Action modes of the nominal robot."""
+IN_AIR = TorsoScale()
+"""Zero and scale of `torso_forces` in the air."""
 ON_FLOOR = TorsoScale(trim=FLOOR)
 """Zero and scale of `torso_forces` on the floor."""
 _LYING = "those of the lying robot"
@@ -384,6 +397,34 @@ def _slewed(controller: FlightControl | CrawlControl, command: Command) -> tuple
     step = np.minimum(np.maximum(command.joint_position - memory.joint_position, -reach), reach)
     controller.set_last_command(replace(command, joint_position=memory.joint_position + step))
     return command, step * CONTROL_RATE
+
+
+_ORDER = ActionMode(
+    (
+        Channel("velocity", 3, f"of the torso, ± {STEER_SPEED:g} m/s along its heading, to its left, up"),
+        Channel("turn", 1, f"± {STEER_TURN:g} rad/s"),
+        Channel("opening", 1, f"distance of the feet from the axis, {STEER_RADIUS[0]:g} … {STEER_RADIUS[1]:g} m"),
+        Channel("grip", 1, f"force of each foot towards the object's axis, 0 … {SAFE_GRIP:g} N"),
+    ),
+    None,
+    "read every 0.5 s: velocity of the torso, opening of the legs, and grip, which the flight controller follows",
+)
+
+
+@lru_cache(maxsize=16)
+def grasp_modes(robot: RobotSpec, scale: TorsoScale = IN_AIR) -> dict[str, ActionMode]:
+    """Return the action modes of the grasp."""
+    modes = action_modes(robot)
+    both = modes["residual"]
+    words = "wrench, joint and foot residuals on the manager, which follows the orders of a rule"
+    return {
+        "residual": ActionMode((*both.channels, FOOT_FORCES), partial(_grasp, robot=robot), words),
+        "order": _ORDER, "direct": modes["direct"], TORSO: _torso_mode(scale, "those of the open claw"),
+    }  # fmt: skip
+
+
+GRASP_MODES = grasp_modes(ROBOT)
+"""Action modes of the grasp for the nominal robot."""
 
 
 _WAYPOINT = ActionMode(

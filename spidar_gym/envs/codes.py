@@ -53,7 +53,7 @@ class Coded(gymnasium.Wrapper[Any, np.ndarray, Any, np.ndarray], RecordConstruct
         words = self.words[name]
         if name in SETS:
             return sum(1 << words.index(word) for word in value.split(", ") if word)
-        if value in ("", "none"):
+        if value in ("", "none") and value not in words:
             return -1
         require_name(name, value, words)
         return words.index(value)

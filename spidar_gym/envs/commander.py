@@ -24,6 +24,10 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.memory import ControlState
 from spidar_gym.control.flight.observation import FlightObservables
 from spidar_gym.control.flight.path import AHEAD, PathPreview
+from spidar_gym.control.grasp.claw import plan_contact
+from spidar_gym.control.grasp.observation import GraspObservables, observe_grasp
+from spidar_gym.control.grasp.phases import GRASP_PHASES, Seen
+from spidar_gym.control.grasp.rule import RuleMemory, decide, grasp_orders
 from spidar_gym.control.interface import CrawlControl, FlightControl
 from spidar_gym.control.locomotion import orders
 from spidar_gym.control.locomotion.manager import Manager
@@ -32,6 +36,7 @@ from spidar_gym.envs.fleet import Fleet
 from spidar_gym.model.rotor import thrust_map, vectoring_to_force
 from spidar_gym.native.constants import PROGRAMS
 from spidar_gym.native.course_records import read_course
+from spidar_gym.native.grasp_records import read_scene
 from spidar_gym.native.library import STATUS
 from spidar_gym.native.plant import Plant, read_reference
 from spidar_gym.native.structs import fill
@@ -39,8 +44,11 @@ from spidar_gym.robot import N_JOINTS, N_ROTORS
 from spidar_gym.so3 import exp, log, matrix_to_quat, quat_to_matrix
 from spidar_gym.state import NO_RESIDUAL, Command, Reference, RobotState
 from spidar_gym.tasks.crawl import TURN_LENGTH
+from spidar_gym.tasks.grasp import DECIDE
 from spidar_gym.tasks.start import read_path
 
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+"""Attitude of an upright object."""
 _STILL = np.zeros(3)
 _NO_JOINTS = np.zeros(N_JOINTS)
 
@@ -442,3 +450,82 @@ class CourseCommander(Commander):
             previous_action=self._action,
         )
         return observe_course(observables, bound=self._bound, robot=self._fleet.engine.robot)
+
+
+class GraspCommander(Commander):
+    """Runs a manager of flight and grasp, and the rule that orders it."""
+
+    def __init__(
+        self, controller: Manager, fleet: Fleet, plant: Plant, mode: ActionMode, bound: np.ndarray, *,
+        grip: float | str, is_order: bool,
+    ) -> None:  # fmt: skip
+        """Attach to a robot; arguments as for `Commander`, `grip` of `decide`; `is_order`: whether an action steers."""
+        super().__init__(fleet, plant, mode, bound)
+        self.controller, self.rule, self._grip, self._is_order = controller, RuleMemory(), grip, is_order
+
+    @property
+    def object_seen(self) -> Seen:
+        """The object as motion capture sees it."""
+        record = self._record["seen"]
+        return Seen(record["position_w"].copy(), record["quat_wo"].copy())
+
+    def _begin(self) -> None:
+        self._scene = read_scene(self._record["scene"])
+        self.rule = RuleMemory()
+        self.controller.reset(self._sense_first())
+        assert self.seen is not None
+        self.controller.begin_in_air(self.seen)
+        self._tell()
+
+    def _act(self, action: np.ndarray) -> Command:
+        manager, seen, scene = self.controller, self.seen, self._scene
+        assert seen is not None
+        if self._mode.residual is None and not self._is_order:
+            open_claw = plan_contact(scene.shape, scene.half_size, LEVEL, 0.0, manager.model.robot).open
+            return self._act_alone(manager.flight, action, open_claw)[0]
+        residual = NO_RESIDUAL
+        if self._mode.residual is None:
+            if self._record["controls"] % DECIDE == 0:
+                manager.steer(grasp_orders(scene, 0.0)[0], action, seen, DECIDE / CONTROL_RATE)
+        else:
+            idle = manager.phase == "hover" and manager.done
+            if manager.grasper.memory.held:
+                self.rule.mass = manager.grasper.memory.mass
+            manager.command(decide(self.rule, scene, self.object_seen, self._grip, idle=idle))
+            residual = self._mode.residual(action)
+        command = manager.step(seen, residual, self.object_seen)
+        self._tell()
+        return command
+
+    def _tell(self) -> None:
+        """Write allocation, phases and grip into the engine's record."""
+        record, manager = self._record, self.controller
+        memory, grasper = manager.grasper.memory, record["manager"]["grasper"]
+        record["phase"] = orders.PHASES.index(manager.phase)
+        record["grasp_phase"] = GRASP_PHASES.index(memory.phase)
+        last = manager.last_step
+        _write_allocation(record["manager"]["flight"], None if last is None else last.allocation)
+        fill(grasper["memory"], memory)
+        fill(grasper["grip"], manager.grip)
+        fill(record["rule"], self.rule)
+        if manager.grasper.plan is not None:
+            fill(grasper["plan"], manager.grasper.plan)
+
+    def _observation(self) -> np.ndarray:
+        seen, command, record, manager = self.seen, self.command, self._record, self.controller
+        assert seen is not None
+        holds = manager.phase == "grasp"
+        observables = GraspObservables(
+            state=seen,
+            scene=self._scene,
+            seen=self.object_seen,
+            grip=manager.grip.force if holds else 0.0,
+            payload=manager.grip.payload if holds else 0.0,
+            phase=manager.grasp_phase if holds else "none",
+            thrust_command=seen.thrust if command is None else command.thrust,
+            joint_command=seen.joint_position if command is None else command.joint_position,
+            charge=float(record["charge"]),
+            time_left=1.0 - float(record["episode"]["ticks"]) / float(self._fleet.horizon),
+            previous_action=self._action,
+        )
+        return observe_grasp(observables, manager.model, bound=self._bound)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,17 +13,19 @@ from spidar_gym.control.course.observation import course_layout
 from spidar_gym.control.crawl.observation import CLOCK_TICKS, crawl_layout
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.flight.observation import Field, layout, path_layout
+from spidar_gym.control.grasp.observation import grasp_layout
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
-from spidar_gym.envs.actions import ACTION_MODES, COURSE_MODES, CRAWL_MODES, TORSO, ActionMode
+from spidar_gym.envs.actions import ACTION_MODES, COURSE_MODES, CRAWL_MODES, GRASP_MODES, TORSO, ActionMode
 from spidar_gym.envs.course_env import CourseEnv
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
 from spidar_gym.envs.goals import REWARDS
+from spidar_gym.envs.grasp_env import GraspEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.observations import MOST, OBSERVATIONS, privileged_layout
 from spidar_gym.envs.path_env import PathEnv
-from spidar_gym.envs.registry import ENVIRONMENTS, environment, import_id
+from spidar_gym.envs.registry import COURSE, ENVIRONMENTS, GRASP, environment, import_id
 from spidar_gym.envs.suite import CEILING, CLASSICAL, LAZY, SUITE, SUITE_IDS, M, SuiteTask, read_anchors
 from spidar_gym.robot import field_docs, source_doc
 from spidar_gym.robot.description import CAMERAS
@@ -31,6 +34,7 @@ from spidar_gym.sim.rows import OPTIONAL_ROWS, TABLE, Row
 from spidar_gym.sim.violations import AT_LIMIT, BLOWN_FACTOR
 from spidar_gym.tasks import course as course_task
 from spidar_gym.tasks import crawl as crawl_task
+from spidar_gym.tasks import grasp as grasp_task
 from spidar_gym.tasks import hover as hover_task
 from spidar_gym.tasks import path as path_task
 from spidar_gym.tasks.sloped import REWARDS as TERMS
@@ -208,8 +212,53 @@ CHAPTERS: dict[str, Chapter] = {
         step=f"With `waypoint` one step is {1000 * course_task.DECIDE / CONTROL_RATE:g} ms, else one control period of "
         f"{1000 / CONTROL_RATE:g} ms.",
     ),
+    "spidar_gym/Grasp-v0": Chapter(
+        GraspEnv, grasp_task.GraspTask, GRASP_MODES, grasp_task.RANGES, grasp_layout,
+        {
+            "object_error": ("(3,)", "m", "place at the goal − object's middle, world, true state"),
+            "way_m": ("float", "m", "length of that error, a radian of heading counting 0.5 m"),
+            "yaw_error_rad": ("float", "rad", "of the object's heading, up to turns after which it looks the same"),
+            "lifted_m": ("float", "m", "height of the object over its stand at the start"),
+            "object_force": ("(4,)", "N", "force of each foot on the object, at the end of the step"),
+            "object_air": ("(3,)", "N", "force of the air on the object, world"),
+            "object_mass, object_friction": ("float", "kg, 1", "of the object, hidden"),
+            "object_com": ("(3,)", "m", "its centre of mass from its middle, hidden"),
+            "force_n, most_force_n": ("float", "N", "largest force of a foot, a mean over 0.1 s: now, and so far"),
+            "grip_n, payload_kg": ("float", "N, kg", "planned force of each foot; mass that the controller carries"),
+            "time_s": ("float", "s", "time so far, or until the object was delivered"),
+            "charge": ("float", "", "share of the battery's usable energy that is left"),
+            "tilt_rad": ("float", "rad", "tilt of the torso"),
+            "thrust_fraction": ("float", "", "commanded Σλ over the weight"),
+            "phase, grasp_phase": ("str", "", "phase of the manager; of the grasp, as in the observation"),
+            "tries": ("int", "", "number of times that the rule has begun to grasp"),
+            "lost, refused": ("bool", "", "whether the object was lost; whether it was too heavy or too slippery"),
+            "finished": ("bool", "", "whether the object is delivered"),
+        },
+        "The robot hovers at the origin with the open claw, "
+        f"{grasp_task.BEGIN_HEIGHT:g} m above the floor; the object stands {grasp_task.DISTANCE[0]:g} to "
+        f"{grasp_task.DISTANCE[1]:g} m ahead,\nits goal {grasp_task.GOAL_DISTANCE[0]:g} to "
+        f"{grasp_task.GOAL_DISTANCE[1]:g} m behind it. The scene is sampled so that it can be held, or set by the "
+        "option\n`scene` of `reset`, as in the benchmark's scenarios.",
+        f"`is_success`: the object stands within {grasp_task.PLACED:g} m and "
+        f"{math.degrees(grasp_task.TURNED):g}° of its goal, upright within {math.degrees(grasp_task.UPRIGHT):g}°, at "
+        f"rest, every foot\n{grasp_task.CLEAR_OF:g} m away from it, and was lifted by {grasp_task.HIGH:g} m.",
+        list(PRESETS), "ManagerConfig", "{'scene': {...}, 'disturbances': {...}}",
+        "controller keeps the nominal parameters.",
+        "A zero action is in\n`residual` exactly the rule's command, in `order` a hover with half the opening and half "
+        "the grip.",
+        arrival=f"{_ENDS}.",
+        step=f"With `order` one step is {1000 * grasp_task.DECIDE / CONTROL_RATE:g} ms, else one control period of "
+        f"{1000 / CONTROL_RATE:g} ms.",
+    ),
 }  # fmt: skip
 """Chapters of all environments by id."""
+
+
+_HOLDS: dict[type, str] = {
+    CourseEnv: "; by default 20 with `waypoint`, 1 with the others",
+    GraspEnv: "; by default 20 with `order`, 1 with the others",
+}
+"""Default of `hold` of the environments with orders."""
 
 
 def _action_rows(modes: dict[str, ActionMode]) -> Iterator[Sequence[str]]:
@@ -333,7 +382,7 @@ def page(name: str) -> str:
         _randomised("distribution", TABLE),
         "### Optional randomisation",
         "Sampled only with a range in `randomization`, after the parameters above; a strength does not randomise them.",
-        _randomised("suggestion", (r for r in OPTIONAL_ROWS if own.env is not CourseEnv or not r.is_of_floor)),
+        _randomised("suggestion", (r for r in OPTIONAL_ROWS if own.env not in _HOLDS or not r.is_of_floor)),
         "## Version History",
         "- v0: first version.",
     ]
@@ -365,6 +414,9 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "preset": "controller: " + ", ".join(f"`{n}`" for n in own.presets),
         "gait": "crawler: " + ", ".join(f"`{n}`" for n in CRAWL_PRESETS),
         "manager": "custom `ManagerConfig` in place of both presets",
+        "grip": "how the rule grips: `tested`, as the test lift finds; a force of each foot [N]; or `told`, by the "
+        "true mass and friction, a ceiling",
+        "grasp": "custom `GraspConfig`: heights, speeds and thresholds of the grasp",
         "controller": f"custom `{own.controller}` in place of a preset",
         "allocator": "custom subclass of `Allocator` in place of the QP",
         "law": f"custom subclass of `{own.law}` in place of the paper's",
@@ -372,8 +424,7 @@ def _arguments(own: Chapter) -> list[tuple[str, object, str]]:
         "action_scale": 'share of a residual\'s authority, `{"share": 0.2}`; or zero and scale of `torso_forces`: '
         '`{"force": N, "joint": rad, "trim": share of the weight}`, '
         f"by default 3, 0.1 and {_trim(own):g}; with `joint` 0 the action has no entries for joints",
-        "hold": "control periods of 25 ms per step, through which an action is held"
-        + ("; by default 20 with `waypoint`, 1 with the others" if own.env is CourseEnv else ""),
+        "hold": "control periods of 25 ms per step, through which an action is held" + (_HOLDS.get(own.env, "")),
         "max_iter": "iteration cap of the QP solver; 300 on the robot's computer",
         "task": f"custom task: an object of a class derived from `{own.task.__name__}`, the class, or its name, "
         "`module:Class`",
@@ -468,6 +519,7 @@ def pages() -> dict[str, str]:
     found = {f"suite/{name}.md": suite_page(name) for name in SUITE}
     for name in ENVIRONMENTS:
         short = name.split("/")[1]
-        picture = f"![{name} from each camera](../pictures/environment-{short}.png)\n\n## Description\n"
+        shown = "at four moments" if name in (COURSE, GRASP) else "from each camera"
+        picture = f"![{name} {shown}](../pictures/environment-{short}.png)\n\n## Description\n"
         found[f"environments/{short}.md"] = page(name).replace("## Description\n", picture, 1)
     return found

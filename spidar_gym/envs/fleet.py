@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.course.gates import Course
+from spidar_gym.control.grasp.scene import GraspScene
 from spidar_gym.envs.locking import whole
 from spidar_gym.errors import REAL, InvalidValueError, SpidarError, require_array, require_keys
 from spidar_gym.native.course_records import write_course
 from spidar_gym.native.draws import from_numpy, to_numpy
 from spidar_gym.native.engine_binding import Engine
 from spidar_gym.native.engine_structs import AUTORESETS, SEQUENCES, engine_layouts
+from spidar_gym.native.grasp_records import write_scene
 from spidar_gym.native.library import write
 from spidar_gym.native.structs import WORDS, fill
 from spidar_gym.sim.config import PlantConfig
@@ -225,6 +227,13 @@ class Fleet:
         record["is_given"] = course is not None
         if course is not None:
             write_course(record["course"], course)
+
+    def set_scene(self, robot: int, scene: GraspScene | None) -> None:
+        """Set a robot's scene of grasping from the next episode on; with None the engine samples it."""
+        record = self.robots[robot]
+        record["is_given"] = scene is not None
+        if scene is not None:
+            write_scene(record["scene"], scene)
 
     def ask_advice(self) -> None:
         """Compute the controller's command at every tick beside a `direct` action, for imitation learning.

@@ -297,7 +297,8 @@ class Observed(Rewarding):
     @in_turn
     def render(self) -> Any:  # noqa: ANN401 - an array or None, as Gymnasium has it
         """Return a picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human`."""
-        return self.view.draw(self.plant.data.qpos, self.plant.config.ground, self.plant.period)
+        config = self.plant.config
+        return self.view.draw(self.plant.data.qpos, config.ground, self.plant.period, config.object)
 
     def _rewarded(self, shown: Any, reward: float) -> float:  # noqa: ANN401 - as above
         """Return the reward: the goal's if there is a goal, else the task's."""

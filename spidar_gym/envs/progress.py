@@ -197,3 +197,46 @@ class CourseProgress:
     def crawled_s(self) -> float:
         """Time of crawling [s]."""
         return self.crawled / CONTROL_RATE
+
+
+@dataclass(frozen=True)
+class GraspProgress:
+    """Progress of a grasp."""
+
+    controls: int
+    """Control periods since the start."""
+    initial_way: float
+    """Distance of the object to its place at the goal at the start, a radian counting 0.5 m [m]."""
+    arrived: float
+    """Time since which the object is delivered [s]; 0 if it is not."""
+    most_force: float
+    """Largest force of a foot, a mean over a tenth of a second [N]."""
+    bears: float
+    """Force that a foot may press the object with [N]."""
+    most_lifted: float
+    """Largest height of the object over its stand at the start [m]."""
+    fall: float
+    """Largest speed at which it has fallen [m/s]."""
+    charge: float
+    """Share of the battery's usable energy that is left, 0 … 1."""
+    tries: int
+    """Number of times that the rule has begun to grasp."""
+
+    @classmethod
+    def read(cls, record: Any) -> "GraspProgress":  # noqa: ANN401 - a NumPy record
+        """Read the progress of a robot in the engine, an `sp_grasp_robot`."""
+        names = ("controls", "initial_way", "arrived", "most_force", "most_lifted", "fall", "charge")
+        bears, tries = record["scene"]["most_force"].item(), int(record["rule"]["tries"])
+        return cls(**{name: record[name].item() for name in names}, bears=bears, tries=tries)
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return self.controls / CONTROL_RATE
+
+
+AnyProgress = FlightProgress | CrawlProgress | CourseProgress | GraspProgress
+PROGRESS: dict[str, type[CrawlProgress] | type[CourseProgress] | type[GraspProgress]] = {
+    "crawl": CrawlProgress, "course": CourseProgress, "grasp": GraspProgress,
+}  # fmt: skip
+"""Progress by the kind of robots in the engine, for those without a schedule of forms."""

@@ -32,7 +32,7 @@ class OnlyOfOne(tuple[WrapperSpec, ...]):
         return 0
 
 
-HOVER, PATH, CRAWL, COURSE = (f"spidar_gym/{name}-v0" for name in ("Hover", "Path", "Crawl", "Course"))
+HOVER, PATH, CRAWL, COURSE, GRASP = (f"spidar_gym/{name}-v0" for name in ("Hover", "Path", "Crawl", "Course", "Grasp"))
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,10 @@ ENVIRONMENTS: dict[str, Entry] = {
     COURSE: Entry(
         "spidar_gym.envs.course_env:CourseEnv", "spidar_gym.envs.vector:course_vector", 600,
         "reach a pose behind walls, beams and slots: take off, fly, change form, land, crawl", 20,
+    ),
+    GRASP: Entry(
+        "spidar_gym.envs.grasp_env:GraspEnv", "spidar_gym.envs.vector:grasp_vector", 3000,
+        "grasp an object with the legs, lift it, carry it and put it down",
     ),
 }  # fmt: skip
 """Every environment of this package."""

@@ -15,13 +15,14 @@ from spidar_gym.envs import vector_options
 from spidar_gym.envs.course_env import CourseEnv
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.grasp_env import GraspEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.info import Draws, arrays_of, info_of, words_of
 from spidar_gym.envs.locking import in_turn, whole
 from spidar_gym.envs.observations import Rewarding, Shown
 from spidar_gym.envs.options import find_task, require_vector_options
 from spidar_gym.envs.path_env import PathEnv
-from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, RegisteredSteps, environment
+from spidar_gym.envs.registry import COURSE, CRAWL, GRASP, HOVER, PATH, RegisteredSteps, environment
 from spidar_gym.envs.serialization.fleets import restore, save
 from spidar_gym.envs.variants import make_fleet, rewrite, varied
 from spidar_gym.errors import InvalidValueError, SpidarError, require_array, require_keys, require_least
@@ -30,8 +31,8 @@ from spidar_gym.native.engine_structs import AUTORESETS
 from spidar_gym.turn import Turn
 
 ValueT = TypeVar("ValueT")
-KINDS: dict[str, type[HoverEnv] | type[CrawlEnv] | type[CourseEnv]] = {
-    HOVER: HoverEnv, PATH: PathEnv, CRAWL: CrawlEnv, COURSE: CourseEnv,
+KINDS: dict[str, type[HoverEnv] | type[CrawlEnv] | type[CourseEnv] | type[GraspEnv]] = {
+    HOVER: HoverEnv, PATH: PathEnv, CRAWL: CrawlEnv, COURSE: CourseEnv, GRASP: GraspEnv,
 }  # fmt: skip
 """Class of a single robot's environment by id."""
 
@@ -390,13 +391,13 @@ class NativeVectorEnv(Rewarding, gymnasium.vector.VectorEnv[Any, np.ndarray, np.
         self._single.close()
 
 
-hover_vector, path_vector, crawl_vector, course_vector = (
-    partial(NativeVectorEnv, name) for name in (HOVER, PATH, CRAWL, COURSE)
+hover_vector, path_vector, crawl_vector, course_vector, grasp_vector = (
+    partial(NativeVectorEnv, name) for name in (HOVER, PATH, CRAWL, COURSE, GRASP)
 )
 """Vector entry points of `gymnasium.make_vec` for each environment."""
 
 
 __all__ = [
-    "COURSE", "CRAWL", "HOVER", "PATH", "NativeVectorEnv", "course_vector", "crawl_vector", "hover_vector",
-    "path_vector",
+    "COURSE", "CRAWL", "GRASP", "HOVER", "PATH", "NativeVectorEnv", "course_vector", "crawl_vector", "grasp_vector",
+    "hover_vector", "path_vector",
 ]  # fmt: skip

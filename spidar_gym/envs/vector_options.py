@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from spidar_gym.control.course.gates import parse_course
+from spidar_gym.control.grasp.scene import parse_scene
 from spidar_gym.envs.fleet import Fleet
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.native.engine_structs import SEQUENCES
@@ -108,6 +109,7 @@ def parsed(name: str, value: Any, robots: int, task: Any) -> list[Any]:  # noqa:
         "forms": lambda forms: SEQUENCES.index(replace(task, forms=forms).forms),
         "start": start,
         "course": parse_course,
+        "scene": parse_scene,
     }
     each = listed(name, list(value) if isinstance(value, tuple) else value, robots)
     return [ways[name](one) for one in each]
@@ -123,3 +125,5 @@ def said_at_reset(fleet: Fleet, robot: int, options: Mapping[str, Any]) -> None:
         fleet.give_start(robot, options["start"])
     if "course" in options:
         fleet.go(robot, options["course"])
+    if "scene" in options:
+        fleet.set_scene(robot, options["scene"])

@@ -12,6 +12,7 @@ from spidar_gym.native.structs import read
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.object import ObjectConfig
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH
 
 RENDER_MODES = ("human", "rgb_array", "depth_array")
@@ -55,13 +56,14 @@ class View:
         """Return the state for a copy, which opens its own window or OpenGL context at its first picture."""
         return vars(self) | {"_renderer": None, "_ground": None}
 
-    def draw(self, qpos: np.ndarray, ground: GroundConfig, period: float) -> Any:  # noqa: ANN401 - as Gymnasium has it
+    def draw(self, qpos: np.ndarray, ground: GroundConfig, period: float, thing: ObjectConfig | None = None) -> Any:  # noqa: ANN401 - as Gymnasium has it
         """Draw a robot.
 
         Args:
             qpos: Generalised positions of MuJoCo's model.
             ground: The floor under it.
             period: Time for which a window shows it [s].
+            thing: The object, if there is one.
 
         Returns:
             A picture (height, width, 3) uint8, distances (height, width) [m], or None in the mode `human` and without a
@@ -75,11 +77,11 @@ class View:
         if self._renderer is None:
             is_shown = self.mode == "human"
             self._renderer = (
-                renderer.Window(period, ground, self._robot) if is_shown else
-                renderer.OffscreenRenderer(self._camera, *self._size, ground, self._robot)
+                renderer.Window(period, ground, self._robot, thing) if is_shown else
+                renderer.OffscreenRenderer(self._camera, *self._size, ground, self._robot, thing)
             )  # fmt: skip
         elif ground is not self._ground:
-            self._renderer.lay(ground)
+            self._renderer.lay(ground, thing)
         self._ground = ground
         if self.mode == "human":
             return self._renderer.render(qpos)
@@ -87,8 +89,10 @@ class View:
 
     def draw_plant(self, plant: np.ndarray | np.void) -> Any:  # noqa: ANN401 - as `draw`
         """Draw a robot in the engine, a record of `sp_plant`, on its own floor."""
-        ground = read(GroundConfig, plant["config"]["ground"])
-        return self.draw(plant["row"][1 : 2 + N_DOFS], ground, 1.0 / CONTROL_RATE)
+        config = plant["config"]
+        ground, thing = read(GroundConfig, config["ground"]), read(ObjectConfig, config["object"])
+        end = 2 + N_DOFS + (7 if thing.exists else 0)
+        return self.draw(plant["row"][1:end], ground, 1.0 / CONTROL_RATE, thing)
 
     def close(self) -> None:
         """Release the window or OpenGL context; a second call does nothing."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int
 
-from spidar_gym.arrays import RotorMask, RotorVector, Vectoring
+from spidar_gym.arrays import RotorMask, RotorVector, Vector3, Vectoring
 from spidar_gym.model.dynamics import Snapshot
 from spidar_gym.model.rotor import HALF_PI
 from spidar_gym.robot import N_ROTORS, ROBOT
@@ -36,6 +36,16 @@ class InterferenceConfig:
     """A restricted rotor is released only when its bound is farther than θ̲ plus this [rad]."""
     tie: float = 0.05
     """If the distances of two subsets from the vertical differ by less than this, the previous side is kept [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Disc:
+    """A horizontal disc below the rotors that no jet is to meet: the top of an object."""
+
+    centre_c: Vector3
+    """Centre from the CoG, torso axes [m]."""
+    radius: float
+    """Radius [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,8 +124,9 @@ def best_subset(subsets: list[tuple[float, float]], side: int, *, tie: float) ->
 
 
 def find_interference(
-    snapshot: Snapshot, nominal: Vectoring, previous: Interference, *, config: InterferenceConfig
-) -> Interference:
+    snapshot: Snapshot, nominal: Vectoring, previous: Interference, *, config: InterferenceConfig,
+    disc: Disc | None = None,
+) -> Interference:  # fmt: skip
     """Compute the restricted rotors 𝓘 and the bounds of their θ [Zhao2025, Eq. 18-27, 33].
 
     Args:
@@ -123,12 +134,15 @@ def find_interference(
         nominal: (φ̂, θ̂) of each rotor [rad].
         previous: The result of the last tick, for ties and the hysteresis of 𝓘.
         config: Thresholds.
+        disc: A further target.
 
     Returns:
         Bounds on θ itself (θ̂ added). The torso disc counts as a target. A rotor without a valid subset keeps its full
         range; no configuration of the robot in which this happens has been found.
     """
     intervals = _forbidden_intervals(snapshot, nominal, config)
+    for i, interval in {} if disc is None else _forbidden_by(disc, snapshot, nominal, config).items():
+        intervals.setdefault(i, []).append(interval)
     if not intervals:
         return Interference(_NONE.restricted, _NONE.lower, _NONE.upper, previous.side)
     restricted, lower, upper = [False] * N_ROTORS, [-math.inf] * N_ROTORS, [math.inf] * N_ROTORS
@@ -177,3 +191,30 @@ def _forbidden_intervals(
             interval = forbidden_interval(dx * yy - dy * yx, -below, config.rotor_radius, radius)
             intervals.setdefault(i, []).append(interval)
     return intervals
+
+
+NEAREST, FARTHEST = 0.02, 0.6
+"""Heights of a rotor over a disc between which it avoids the disc [m]: from high above, all rotors would be restricted,
+and no torque about the vertical would be left."""
+
+
+def _forbidden_by(
+    disc: Disc, snapshot: Snapshot, nominal: Vectoring, config: InterferenceConfig
+) -> dict[int, tuple[float, float]]:
+    """Compute the interval of each rotor that is forbidden by a disc, as for the torso [Zhao2025, Eq. 20, 21, 23].
+
+    A disc is wide, so that a jet that is inclined along φ meets it as well: there is no test of α [Eq. 22].
+    """
+    found = {}
+    for i in range(N_ROTORS):
+        offset = disc.centre_c - snapshot.rotor_c[i]
+        below = -float(offset[2])
+        if not NEAREST < below < FARTHEST:
+            continue
+        y = snapshot.R_bl[i] @ (0.0, math.cos(nominal[i, 0]), math.sin(nominal[i, 0]))
+        yx, yy = (y[:2] / math.hypot(y[0], y[1])).tolist()
+        along, across = offset[0] * yx + offset[1] * yy, offset[0] * yy - offset[1] * yx
+        reach = disc.radius + config.rotor_radius
+        if abs(along) < reach and abs(across) < disc.radius + math.tan(config.horizon) * below:
+            found[i] = forbidden_interval(float(across), -below, config.rotor_radius, disc.radius)
+    return found

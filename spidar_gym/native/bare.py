@@ -11,7 +11,7 @@ import numpy as np
 
 from spidar_gym.native.engine_binding import Engine
 from spidar_gym.native.engine_structs import FASTEST
-from spidar_gym.native.mujoco import BOXED, FLAT, OWN, STATE, Simulation
+from spidar_gym.native.mujoco import BOXED, FLAT, FREE, OWN, STATE, Simulation
 from spidar_gym.sim.scene import TIMESTEP, scene
 
 
@@ -27,9 +27,10 @@ class BarePhysics:
         self._substeps = [int(each["config"]["substeps"]) for each in plant]
         ground = plant[0]["config"]["ground"]
         uneven, boxed = bool(ground["tiles"].any()), bool(ground["boxes"].any())
-        model = scene(visual=False, uneven=uneven, boxed=boxed, robot=engine.robot)
+        free = bool(plant[0]["config"]["object"]["shape"])
+        model = scene(visual=False, uneven=uneven, boxed=boxed, robot=engine.robot, free=free)
         self._simulations = [Simulation(model) for _ in plant]
-        names = next(names for names in (BOXED, OWN, FLAT) if len(names) == int(engine.record["piece_count"]))
+        names = next(names for names in (FREE, BOXED, OWN, FLAT) if len(names) == int(engine.record["piece_count"]))
         self._pieces = [simulation.pieces(names).tolist() for simulation in self._simulations]
         self._shares = np.array_split(np.arange(len(plant)), threads)
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
@@ -47,7 +48,8 @@ class BarePhysics:
             model, plant, copy = simulation.model, plants[k], engine.copies[min(k, len(engine.copies) - 1)]
             for address, size, at in self._pieces[k]:
                 ctypes.memmove(address, copy.ctypes.data + at, size)
-            mujoco.mj_setState(model, simulation.data, plant["row"], STATE)
+            row = plant["row"][: mujoco.mj_stateSize(model, STATE)]
+            mujoco.mj_setState(model, simulation.data, row, STATE)
             limit = np.minimum(plant["torque_limit"], plant["config"]["actuators"]["max_joint_torque"])
             joints = slice(len(model.actuator_forcerange) - 2 * len(limit), len(model.actuator_forcerange) - len(limit))
             model.actuator_forcerange[joints, 0], model.actuator_forcerange[joints, 1] = -limit, limit

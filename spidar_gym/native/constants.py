@@ -21,10 +21,13 @@ from spidar_gym.control.estimator import HISTORY
 from spidar_gym.control.flight import centroidal, compensation, motion, observation, path
 from spidar_gym.control.flight import controller as flight_controller
 from spidar_gym.control.flight.motion import COMMANDS
+from spidar_gym.control.grasp import claw, grip, phases
+from spidar_gym.control.grasp import rule as grasp_rule
+from spidar_gym.control.grasp import scene as grasp_scene
 from spidar_gym.control.locomotion import commands as locomotion
 from spidar_gym.control.locomotion import manager, orders
-from spidar_gym.model import rotor
-from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS
+from spidar_gym.model import interference, rotor
+from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, spec
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES
 
 ONBOARD_ITERATIONS = 300
@@ -53,11 +56,20 @@ SIZES = {
     "MAX_ACTION": MAX_ACTION, "HISTORY": HISTORY, "ANGLES": N_ANGLES, "BODIES": N_BODIES, "POSE_FRAMES": POSE_FRAMES,
     "IMU_SAMPLES": IMU_SAMPLES, "COMMANDS": COMMANDS, "MAX_ENTRIES": MAX_ENTRIES,
     "NETWORK_BLOCK": NETWORK_BLOCK, "MODE_COSTS": 4, "MODE_ROWS": 6, "PATH_AHEAD": path.AHEAD,
+    "GRASP_TRIES": grasp_rule.TRIES, "STEER_SIZE": phases.STEER_SIZE,
     "MAX_WAYPOINTS": MAX_WAYPOINTS, "MANAGER_KNOTS": MANAGER_KNOTS,
     "COURSE_AHEAD": course_observation.AHEAD, "CLOCK_TICKS": crawl_observation.CLOCK_TICKS,
 }  # fmt: skip
 """Integers by their names in C without `SP_`."""
 NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
+    ("GRIP_", grip, ("LEVER", "LEAD_TIME")),
+    ("CLAW_", claw, ("HIGHEST", "KNEE", "OPEN", "PRESS", "NARROWEST", "WIDEST")),
+    ("GRASP_", phases, ("SAFE_GRIP", "QUINTIC_PEAK")),
+    ("GRASP_RULE_", grasp_rule, ("ABOVE_GOAL", "LIFT", "CARRY_SPEED", "DELIVERED", "FIRST_MASS")),
+    ("SCENE_", grasp_scene, ("STAND_MARGIN", "STAND_SHARE", "CHOCK", "LEAN", "LESS_PER_KG")),
+    ("", spec, ("GRAVITY",)),
+    ("", phases, ("STEER_SPEED", "STEER_TURN", "STEER_RADIUS")),
+    ("DISC_", interference, ("NEAREST", "FARTHEST")),
     ("", flight_controller, ("CONTROL_RATE",)),
     ("", observation, ("NO_NEXT_FORM",)),
     ("", state, ("LEAST_QUATERNION",)),
@@ -84,7 +96,8 @@ NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("COURSE_", course_observation, ("SEEN",)),
     ("RULE_", rule, ("FLOWN", "CRAWLED", "PASSED", "OVER", "ABOVE", "THROUGH", "SLOW", "FAST", "CRAWLS", "NEAR",
                      "BENEATH", "ALIGNED", "FORMED")),
-    ("MANAGER_", manager, ("LEVEL_FROM", "LEVEL_TO", "NEAR_FLOOR", "LEAST_WAY", "ARRIVED", "PATIENCE")),
+    ("MANAGER_", manager, ("ASIDE", "ENDS_AFTER", "LEVEL_FROM", "LEVEL_TO", "NEAR_FLOOR", "LEAST_WAY", "ARRIVED",
+                           "PATIENCE")),
     ("PATH_", path, ("EASE", "DETOUR", "RUN_AHEAD", "TOGETHER", "LEAST_SECONDS", "FADE", "REST",
                "TURN_RATE", "KNOT_TIME", "PEAK", "DRIFT", "SWING", "SUBSTEPS", "AHEAD_STEP")),
     ("GAIT_", gait, ("FILTER_TIME", "SLOW_TIME", "AGREE", "NEAR", "STILL", "SWINGING", "MAX_DEPTH",
@@ -157,6 +170,9 @@ ENUMERATIONS = {
         Enumeration("phases", "Phase sequences of a step of the gait.", tuple(STEPS)),
         Enumeration("phase", "Phases of the gait.", PHASES),
         Enumeration("locomotion_kind", "Commands to the manager of both gaits.", locomotion.KINDS, "LOCOMOTION_"),
+        Enumeration("situation", "Where a robot is before a command.", locomotion.SITUATIONS, "ON_"),
+        Enumeration("grasp_phase", "Phases of a grasp.", phases.GRASP_PHASES, "GRASP_"),
+        Enumeration("object_shape", "Shapes of objects that can be grasped.", locomotion.OBJECTS, "OBJECT_"),
         Enumeration("manager_phase", "Phases of the manager of both gaits.", orders.PHASES, "MANAGER_"),
         Enumeration("gate_kind", "Parts of a course: gates first, then floors.", gates.KINDS, "GATE_",
                     count="GATE_KINDS"),

@@ -7,6 +7,7 @@ from spidar_gym.control.flight.centroidal import Integrals, MotionError
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.memory import ControlState, FlightRecord
 from spidar_gym.control.flight.observation import FlightObservables
+from spidar_gym.control.grasp.grip import Grip
 from spidar_gym.model.dynamics import Model, Snapshot
 from spidar_gym.model.interference import Interference
 from spidar_gym.native.library import Core, LastCommand, Room, Struct, pointer, read_allocation
@@ -85,7 +86,7 @@ class CoreFlightController(Core[CoreMemory]):
         self.config = config or ControllerConfig()
         self._flight, self._reference, self._given = Struct("flight", record), Struct("reference"), None
         self.whole = self._flight
-        self._settings, self._preview = Struct("controller_config"), Struct("preview")
+        self._settings, self._preview, self._grip = Struct("controller_config"), Struct("preview"), Struct("grip")
         fill(self._settings.record, self.config)
         if record is None:
             self.library.sp_flight_init(self._flight.pointer, self._settings.pointer)
@@ -154,14 +155,19 @@ class CoreFlightController(Core[CoreMemory]):
         reference: Reference,
         residual: Residual = NO_RESIDUAL,
         control_state: ControlState | None = None,
+        grip: Grip | None = None,
     ) -> Command:
         """Compute the command of one control tick; as `FlightController.step`."""
         self.write_state(state)
         self._write_reference(reference)
+        held = None
+        if grip is not None:
+            fill(self._grip.record, grip)
+            held = self._grip.pointer
         known = None if control_state is None else self._view(control_state).struct.pointer
         return self._tick(
             self.library.sp_flight_step, self._flight.pointer, self._state.pointer, self._reference.pointer,
-            self.residual_pointer(residual), known, self.room.pointer,
+            self.residual_pointer(residual), known, held, self.room.pointer,
         )  # fmt: skip
 
     def observe(self, observables: FlightObservables, *, bound: np.ndarray) -> np.ndarray:

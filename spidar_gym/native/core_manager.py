@@ -8,7 +8,20 @@ import numpy as np
 from spidar_gym.control.allocation.allocator import AllocationStatus
 from spidar_gym.control.crawl.memory import CrawlRecord
 from spidar_gym.control.flight.memory import FlightRecord
-from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff
+from spidar_gym.control.grasp.phases import GRASP_PHASES, Seen
+from spidar_gym.control.locomotion.commands import (
+    OBJECTS,
+    SITUATIONS,
+    CarryTo,
+    CrawlTo,
+    FlyTo,
+    Grasp,
+    Land,
+    LocomotionCommand,
+    Place,
+    Release,
+    TakeOff,
+)
 from spidar_gym.control.locomotion.orders import PHASES, ManagerConfig, Orders
 from spidar_gym.errors import InvalidValueError
 from spidar_gym.model.dynamics import Model
@@ -20,7 +33,7 @@ from spidar_gym.native.library import STATUS, Core, LastCommand, Room, Struct
 from spidar_gym.native.structs import fill
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
 
-ORDER = (CrawlTo, TakeOff, FlyTo, Land)
+ORDER = (CrawlTo, TakeOff, FlyTo, Land, Grasp, CarryTo, Place, Release)
 """Commands in the core's order."""
 
 
@@ -36,7 +49,18 @@ def waypoint(command: LocomotionCommand) -> np.ndarray:
         record["position_w"], record["speed"], record["along"] = command.position_w, command.speed, command.along
         record["at_once"], record["has_form"] = command.at_once, command.form is not None
         record["form"] = 0.0 if command.form is None else command.form
-    else:
+    elif isinstance(command, Grasp):
+        record["shape"], record["half_size"], record["height"] = (
+            OBJECTS.index(command.shape),
+            command.half_size,
+            command.height,
+        )
+        record["most_force"], record["mass"] = command.most_force, command.mass
+        record["force"], record["friction"] = command.force, command.friction
+    elif isinstance(command, CarryTo):
+        record["position_w"], record["speed"] = command.position_w, command.speed
+        record["has_yaw"], record["yaw"] = command.yaw is not None, 0.0 if command.yaw is None else command.yaw
+    elif isinstance(command, Land | Place):
         record["floor"] = command.floor
     return record
 
@@ -61,7 +85,7 @@ class CoreManager(Core[LastCommand], Orders):
         """
         self.config = config or ManagerConfig()
         super().__init__(model or Model(self.config.crawl.gait.robot), room)
-        self._manager, settings = Struct("manager", record), Struct("manager_config")
+        self._manager, settings, self._object = Struct("manager", record), Struct("manager_config"), Struct("seen")
         self.whole = self._manager
         fill(settings.record, self.config)
         if record is None:
@@ -106,6 +130,16 @@ class CoreManager(Core[LastCommand], Orders):
     def phase(self) -> str:
         """One of `PHASES`."""
         return PHASES[int(self._memory["phase"])]
+
+    @property
+    def grasp_phase(self) -> str:
+        """Phase of the grasp, one of `GRASP_PHASES`."""
+        return GRASP_PHASES[int(self._manager["grasper"]["memory"]["phase"])]
+
+    @property
+    def situation(self) -> str:
+        """Where the robot is before a command that interrupts, one of `SITUATIONS`."""
+        return SITUATIONS[self.library.sp_manager_situation(self._manager.pointer)]
 
     @property
     def done(self) -> bool:
@@ -156,17 +190,24 @@ class CoreManager(Core[LastCommand], Orders):
         self.library.sp_manager_interrupt(self._manager.pointer, rows.pointer, len(commands))
         self._last = commands[-1] if commands else Land()
 
+    def end(self) -> None:
+        """End the mission, as `Manager.end`."""
+        self.library.sp_manager_end(self._manager.pointer)
+        self._last = Land()
+
     @staticmethod
     def _require_few(commands: tuple[LocomotionCommand, ...], before: int) -> None:
         if before + len(commands) > MAX_WAYPOINTS:
             raise InvalidValueError("commands", before + len(commands), f"at most {MAX_WAYPOINTS} at once")
 
-    def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
+    def step(self, state: RobotState, residual: Residual = NO_RESIDUAL, seen: Seen | None = None) -> Command:
         """Compute the command of one control tick; as `Manager.step`."""
+        if seen is not None:
+            fill(self._object.record, seen)
         self.write_state(state)
         self.flight.forget()
         self.crawler.forget()
         return self._tick(
             self.library.sp_manager_step, self._manager.pointer, self._state.pointer, self.residual_pointer(residual),
-            self.room.pointer,
+            None if seen is None else self._object.pointer, self.room.pointer,
         )  # fmt: skip

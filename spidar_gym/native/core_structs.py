@@ -9,6 +9,7 @@ from spidar_gym.control.allocation.problem import N_FORCES, N_UNKNOWNS
 from spidar_gym.control.course.gates import MAX_GATES, TILE_COLUMNS, TILE_ROWS
 from spidar_gym.control.flight.motion import COMMANDS
 from spidar_gym.control.flight.path import AHEAD
+from spidar_gym.control.locomotion.commands import OBJECTS
 from spidar_gym.native.constants import (
     HISTORY,
     MANAGER_KNOTS,
@@ -152,6 +153,7 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("joint_velocity", "f8", (N_JOINTS,), "rate of q^d [rad/s]"),
         ("compensation", "compensation_memory", (), ""),
         ("motion", "motion_memory", (), ""),
+        ("joint_lead", "f8", (N_JOINTS,), "of the last setpoints before q^d, for servos that press [rad]"),
     )),
     CStruct("control_state", "Quantities that the controller computes from a state.", (
         ("R_wb", "f8", (9,), "attitude of the torso"),
@@ -245,7 +247,21 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("has_form along", "i4", (), "whether `form` is valid; whether to turn towards the goal first", FLAG),
         ("at_once", "i4", (), "whether to turn during the present motion and to change the form in flight", FLAG),
         ("form", "f8", (N_JOINTS,), "joint angles during the flight [rad]"),
-        ("speed height floor", "f8", (), "of the flight [m/s]; of the take-off [m]; expected height of the floor [m]"),
+        ("speed height floor", "f8", (), "of the flight [m/s]; of take-off or lift [m]; of the expected floor [m]"),
+        ("shape has_yaw", "i4", (), "of the object, as in `OBJECTS`; whether `yaw` is valid",
+         ((0, len(OBJECTS) - 1), FLAG)),
+        ("yaw", "f8", (), "heading of the object at the goal [rad]"),
+        ("half_size", "f8", (3,), "of the object [m]"),
+        ("most_force mass force", "f8", (), "of a foot at most [N]; until it is measured [kg]; of a foot or 0 [N]"),
+        ("friction", "f8", (), "of feet on the object; 0 where it is not known"),
+    )),
+    CStruct("grasper", "The phases of a grasp.", (
+        ("config", "grasp_config", (), ""),
+        ("memory", "grasp_memory", (), ""),
+        ("plan", "contact", (), ""),
+        ("target", "waypoint", (), "order to grasp"),
+        ("joint_speed", "f8", (), "largest speed of the joints [rad/s]"),
+        ("grip", "grip", (), "of the last tick"),
     )),
     CStruct("manager_memory", "State of the manager of both gaits between ticks.", (
         ("phase", "i4", (), "sp_manager_phase", "manager_phase"),
@@ -258,12 +274,14 @@ CORE_STRUCTS: Sequence[CStruct] = (
         ("believed thrust", "f8", (), "time since floor detection or form command [s]; Σλ of the last tick [N]"),
         ("failures rises", "i4", (), "failed landings in a row; whether it takes off at the next tick",
          (COUNT, FLAG)),
+        ("begun ends", "i4", (), "whether a command of a grasp has begun; whether the mission was ended", FLAG),
     )),
     CStruct("manager", "The manager of both gaits.", (
         ("config", "manager_config", (), ""),
         ("memory", "manager_memory", (), ""),
         ("flight", "flight", (), ""),
         ("crawl", "crawl", (), ""),
+        ("grasper", "grasper", (), ""),
         ("reference", "reference", (), "of the last tick in flight"),
         ("commands", "waypoint", (MAX_WAYPOINTS,), "the present one first"),
         ("count knot_count", "i4", (), "numbers of commands and of knots", ((0, MAX_WAYPOINTS), (0, MANAGER_KNOTS))),

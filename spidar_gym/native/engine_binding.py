@@ -14,7 +14,7 @@ from spidar_gym import turn
 from spidar_gym.errors import InvalidValueError, closed, require_least
 from spidar_gym.native.engine_structs import MAX_PENDING, engine_layouts
 from spidar_gym.native.library import Room, load_core, pointer, require_version, version, write
-from spidar_gym.native.mujoco import BOXED, FLAT, OWN, Pool, Simulation, world
+from spidar_gym.native.mujoco import BOXED, FLAT, FREE, OWN, Pool, Simulation, world
 from spidar_gym.native.structs import USUAL, fill
 from spidar_gym.sim.config import PlantConfig
 from spidar_gym.sim.scene import TIMESTEP, scene
@@ -61,16 +61,16 @@ class Engine:
         check_delay(config)
         self.library = load_core()
         self._made = struct, config, robots, threads, alike, floors
-        layouts, uneven, boxed = engine_layouts(), config.ground.uneven, config.ground.boxed
+        layouts, uneven, boxed, free = engine_layouts(), config.ground.uneven, config.ground.boxed, config.object.exists
         robot = config.robot
-        models = models or [scene(visual=False, uneven=uneven, boxed=boxed, robot=robot)] * threads
+        models = models or [scene(visual=False, uneven=uneven, boxed=boxed, robot=robot, free=free)] * threads
         self.simulations = [Simulation(model) for model in models]
-        if uneven or boxed:  # the bounding volumes in the model are those of the original tiles and boxes
+        if uneven or boxed or free:  # the bounding volumes in the model are those of the original tiles, boxes, object
             for simulation in self.simulations:
                 simulation.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
         self.rooms = [Room(self.library, robot) for _ in range(threads)]
         self.robots = np.zeros(robots, layouts[struct])
-        names = BOXED if boxed else OWN if uneven or floors else FLAT
+        names = FREE if free else BOXED if boxed else OWN if uneven or floors else FLAT
         pieces = [simulation.pieces(names) for simulation in self.simulations]
         _, size, offset = pieces[0][-1].tolist()
         self.copies = np.zeros((1 if alike else robots, offset + -(-size // 8) * 8), np.uint8)
@@ -80,7 +80,7 @@ class Engine:
             row[:width] = simulation.record
             row[width : width + 2] = room.record.ctypes.data, piece.ctypes.data
         self._names = names
-        self.robot, self._pieces, self._world = robot, pieces, world(uneven, boxed, robot)
+        self.robot, self._pieces, self._world = robot, pieces, world(uneven, boxed, robot, free)
         self.turn = turn.Turn()
         """Serialises calls into the library, closing, and changes of the arrays that `record` points to."""
         self._pool = Pool(robots, threads)
@@ -163,6 +163,8 @@ class Engine:
         model = self.simulations[0].model
         highest = {
             "geom_sameframe": len(mujoco.mjtSameFrame.__members__) - 1,
+            "body_sameframe": len(mujoco.mjtSameFrame.__members__) - 1,
+            "geom_type": max(int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_CYLINDER)),
             "body_geomnum": np.bincount(model.geom_bodyid, minlength=model.nbody),
         }
         for name, (_, size, at) in zip(self._names, self._pieces[0].tolist(), strict=True):

@@ -7,12 +7,14 @@ from types import ModuleType
 import numpy as np
 
 from spidar_gym.control.course import gates
+from spidar_gym.control.locomotion import commands as locomotion
 from spidar_gym.native.configurations import configuration_structs
 from spidar_gym.native.constants import MAX_ENTRIES, MAX_OBSERVATION, Enumeration
 from spidar_gym.native.core_structs import core_layouts
 from spidar_gym.native.quantities import (
     CourseQuantities,
     CrawlQuantities,
+    GraspQuantities,
     HoverQuantities,
     Quantities,
     quantity_names,
@@ -27,6 +29,7 @@ from spidar_gym.sim import (
     disturbances,
     energy,
     ground,
+    object,
     recirculation,
     scene,
     sensors,
@@ -50,8 +53,8 @@ N_BALLS = N_LEGS + len(PEG_SITES)
 N_STATIONS = N_DUCTS + 3 * N_LINKS + 5
 """Points at which the air is evaluated: the ducts, three points on each link, five on the torso."""
 N_DOFS = 6 + N_ANGLES
-MUJOCO_STATE = 438
-"""Size of MuJoCo's state `mjSTATE_INTEGRATION`; checked against MuJoCo for each model."""
+MUJOCO_STATE, OBJECT_STATE = 438, 31
+"""Size of MuJoCo's state `mjSTATE_INTEGRATION` of a robot, and what an object adds to it; checked for each model."""
 MAX_BODIES, MAX_MOVING, MAX_GEOMS = 64, 64, 512
 """Largest numbers of bodies, of geoms of the robot and of all geoms."""
 MAX_WARNING_BYTES = 256
@@ -62,18 +65,22 @@ MAX_FRAMES = 16
 """Largest number of delayed motion-capture frames: at 100 Hz more than the longest latency, 0.1 s, and four more."""
 DRAWN = ("equal", "independent", "narrow")
 """Sequences of forms that are sampled from ranges of angles."""
-MAX_QUANTITIES = max(len(quantity_names(kind)) for kind in (HoverQuantities, CrawlQuantities, CourseQuantities))
+MAX_QUANTITIES = max(
+    len(quantity_names(kind)) for kind in (HoverQuantities, CrawlQuantities, CourseQuantities, GraspQuantities)
+)
 """Largest number of quantities of a task."""
 ENGINE_SIZES = {
     "DUCTS": N_DUCTS, "ACTUATORS": N_ACTUATORS, "BALLS": N_BALLS, "STATIONS": N_STATIONS, "DOFS": N_DOFS,
     "QPOS": N_DOFS + 1, "MAX_BODIES": MAX_BODIES, "MAX_PENDING": MAX_PENDING, "MAX_FRAMES": MAX_FRAMES,
     "TILES": TILES, "STAIR_ROW": STAIR_ROW, "STAIR_ROWS": STAIR_ROWS, "STAIRS": STAIRS, "BOXES": BOXES,
     "AIR_STEPS": AIR_STEPS, "SERVO_STEPS": SERVO_STEPS,
+    "FACES": object.FACES, "FACE_PATCHES": object.FACE_PATCHES,
     "IMU_STEPS": IMU_STEPS, "FASTEST": FASTEST, "MAX_WARNING_BYTES": MAX_WARNING_BYTES,
 }  # fmt: skip
 """Numbers by their names in C without `SP_`."""
 ENGINE_NUMBERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("", scene, ("TIMESTEP",)),
+    ("", object, ("RESTING", "STILL_AIR", "REST_SHARE", "REST_LEVER")),
     ("", air, ("AIR_DENSITY", "BLUFF", "LINK_SEGMENT", "REACH", "SPREAD", "STACKING_RADIUS")),
     ("JET_", air, ("NEAR", "LEAST_THRUST")),
     ("", actuators, ("NOISE_BANDWIDTH", "STICKING")),
@@ -106,6 +113,7 @@ ENGINE_ENUMERATIONS = (
     Enumeration("path_kind", "Paths of the CoG.", PATHS, "PATHS_"),
     Enumeration("heading", "Headings of the robot on its path.", HEADINGS, "HEADING_"),
     Enumeration("terrain", "Kinds of floors with steps.", TERRAINS, "TERRAIN_"),
+    Enumeration("shape", "Shapes of an object.", object.SHAPES, "SHAPE_"),
     Enumeration("constraint", "Constraints of a robot.", violations.VIOLATIONS, "VIOLATED_", (1, 2, 4, 8, 16)),
     Enumeration("autoreset", "Modes of resetting at the end of an episode.", AUTORESETS, "RESET_"),
 )  # fmt: skip
@@ -133,6 +141,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("geom_touches geom_is_foot", "i4", (MAX_GEOMS,), "whether it collides with the floor; whether it is a foot"),
         ("tile", "i4", (TILES * TILES,), "geoms of the tiles, row by row; −1 where there are none"),
         ("box", "i4", (BOXES,), "geoms of the boxes; −1 where there are none"),
+        ("object object_geom", "i4", (), "body and geom of the object; −1 where there is none"),
         ("mass", "f8", (MAX_BODIES,), "of the described robot [kg]"),
         ("torso_axes", "f8", (4,), "principal axes of the torso's inertia, a quaternion"),
         ("inertia com", "f8", (MAX_BODIES, 3), "principal inertia [kg m²]; CoG [m]"),
@@ -147,12 +156,15 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("vectoring_kd", "f8", (), "damping of a vectoring servo [Nm s/rad]"),
         ("imu_position_b", "f8", (3,), "position of the inertial unit, which motion capture tracks [m]"),
         ("encoder_step", "f8", (N_ANGLES,), "one count of each encoder [rad]"),
-        ("start", "f8", (MUJOCO_STATE,), "MuJoCo's state after a reset"),
+        ("object_type", "i4", (len(object.SHAPES),), "MuJoCo's geom type of each shape"),
+        ("patch", "f8", (len(object.SHAPES), object.N_PATCHES, object.PATCH), "of objects with half sizes of 1"),
+        ("start", "f8", (MUJOCO_STATE + OBJECT_STATE,), "MuJoCo's state after a reset"),
     )),
     CStruct("air", "Result of one evaluation of the air.", (
         ("generalized", "f8", (N_DOFS,), "generalised force for qfrc_applied [N, Nm]"),
         ("thrust_factor", "f8", (N_DUCTS,), "thrust of each duct over that in still air"),
         ("forces_w points_w", "f8", (3 * N_STATIONS,), "force at each station and its position, world [N], [m]"),
+        ("object_force_w object_torque_w", "f8", (3,), "on the object, about its origin, world [N], [Nm]"),
     )),
     CStruct("weather", "State of wind and pushes.", (
         ("mean_w gust_w push_w", "f8", (3,), "mean wind, turbulence [m/s]; present push [N]; world"),
@@ -186,13 +198,22 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("duct_clearance", "f8", (), "height of the lowest duct over the floor [m]", INFINITE),
         ("hit", "f8", (), "largest force on anything but feet and pegs, with boxes only [N]"),
     )),
+    CStruct("object_state", "State of the object, and what acts on it.", (
+        ("position_w", "f8", (3,), "origin [m]"),
+        ("quat_wo", "f8", (4,), "attitude (w, x, y, z)"),
+        ("velocity_w omega_o", "f8", (3,), "of the origin, world [m/s]; angular velocity, object axes [rad/s]"),
+        ("foot_force_w", "f8", (3 * N_LEGS,), "force of each foot on it in the last physics step, world [N]"),
+        ("floor_force_w", "f8", (3,), "force of floor and boxes on the object in it [N]"),
+        ("air_force_w air_torque_w", "f8", (3,), "force of the air and its torque about the origin [N], [Nm]"),
+        ("is_hit rests", "i4", (), "touched by more than feet; at rest, the robot away", FLAG),
+    )),
     CStruct("plant", "One simulated robot: configuration and state.", (
         ("config", "plant_config", (), ""),
         ("disturbances", "disturbances", (), ""),
         ("floor_R", "f8", (9,), "attitude of the floor"),
         ("highest_tile", "f8", (), "over the floor's plane [m]"),
         ("delay vectoring_delay", "i8", (), "between a command and the actuators, in physics steps", COUNT),
-        ("row", "f8", (MUJOCO_STATE,), "MuJoCo's state"),
+        ("row", "f8", (MUJOCO_STATE + OBJECT_STATE,), "MuJoCo's state; the end is unused without an object"),
         ("state", "robot_state", (), "the true state"),
         ("clock", "i8", (), "physics steps since the reset", COUNT),
         ("pending_first pending_count", "i4", (), "ring buffer", ((0, MAX_PENDING - 1), (0, MAX_PENDING - 1))),
@@ -214,6 +235,7 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
         ("is_stuck", "i4", (), "whether `stuck` is valid", FLAG),
         ("stuck", "f8", (2,), "vectoring angles of a module whose servos have failed [rad]"),
         ("power energy_wh", "f8", (), "[W], since the reset [Wh]"),
+        ("object", "object_state", (), "zero where there is none"),
         ("sensors", "sensor_memory", (), ""),
         ("generator", "generator", (), "of noise, wind and pushes"),
     )),
@@ -396,6 +418,53 @@ ENGINE_STRUCTS: Sequence[CStruct] = (
          ("phase", COUNT, (0, 255))),
         ("foot_contact", "b1", (N_LEGS,), "", FLAG),
         ("finished is_success", "b1", (), "", FLAG),
+    )),
+    quantity_struct("grasp_quantities", "Quantities of robots that grasp.", GraspQuantities),
+    CStruct("grasp_rules", "The task of grasping.", (
+        ("rules", "rules", (), ""),
+        ("manager", "manager_config", (), ""),
+        ("shapes", "f8", (len(locomotion.OBJECTS),), "share of each shape"),
+        ("half_width half_height mass friction most_force", "f8", (2,), "ranges [m], [m], [kg], 1, [N]"),
+        ("off_centre", "f8", (), "largest offset of the centre of mass along each axis, share of the half size"),
+        ("distance turn goal_distance goal_turn goal_yaw stand floor", "f8", (2,),
+         "ranges: start → object [m], [rad]; object → goal [m], [rad]; of its heading [rad]; of stands [m]"),
+        ("pressure bias noise turn_noise", "f8", (),
+         "of jets on faces; largest error and noise of the seen object [m], [m], [rad]"),
+        ("begin_height reserve", "f8", (), "of the torso at the start [m]; of the grip's limit over what is needed"),
+        ("placed turned upright at_rest clear_of high", "f8", (), "of a success [m], [rad], [rad], [m/s], [m], [m]"),
+        ("force_time touch", "f8", (), "of the mean force of a foot [s]; from which a foot touches [N]"),
+        ("field ceiling", "f8", (), "largest distance from the start along x and y, and height [m]"),
+        ("is_order decide", "i4", (), "whether an action steers; ticks between its decisions"),
+        ("grip", "f8", (), "force of each foot that the rule orders [N]; 0 as tested, −1 as told"),
+    )),
+    CStruct("grasp_robot", "A robot that grasps: plant, controller and task.", (
+        ("plant", "plant", (), ""),
+        ("episode", "episode", (), ""),
+        ("manager", "manager", (), ""),
+        ("scene", "grasp_scene", (), ""),
+        ("rule", "rule_memory", (), ""),
+        ("is_given", "i4", (), "whether the scene is given, not sampled", FLAG),
+        ("seen", "seen", (), "the object as motion capture sees it, a tick ago"),
+        ("place_w", "f8", (3,), "where the object belongs at the goal [m]"),
+        ("stood initial_way", "f8", (), "height of the object at the start [m]; distance to the goal [m]"),
+        ("force", "f8", (N_LEGS,), "of the feet on the object, a mean over a tenth of a second [N]"),
+        ("most_force most_lifted fall tilt charge", "f8", (), "largest so far [N], [m], [m/s]; [rad]; of the battery"),
+        ("arrived", "f8", (), "time since which the object is delivered [s]; 0 if it is not"),
+        ("controls hit", "i4", (), "ticks; whether a forbidden part has touched", (COUNT, FLAG)),
+        ("phase grasp_phase", "i4", (), "sp_manager_phase; sp_grasp_phase", ("manager_phase", "grasp_phase")),
+    )),
+    CStruct("grasp_info", "`info` of a grasp.", (
+        ("info", "info", (), ""),
+        ("object_error", "f8", (3,), "goal − object, world [m]"),
+        ("object_force", "f8", (N_LEGS,), "of each foot on the object [N]"),
+        ("object_air", "f8", (3,), "force of the air on it, world [N]"),
+        ("object_com", "f8", (3,), "its centre of mass from its middle [m]"),
+        ("object_mass object_friction", "f8", (), "[kg], 1"),
+        ("way_m yaw_error_rad lifted_m time_s charge tilt_rad thrust_fraction grip_n payload_kg", "f8", (), ""),
+        ("force_n most_force_n", "f8", (), "largest mean force of a foot; of the episode [N]"),
+        ("phase_code grasp_phase_code tries", "i4", (), "sp_manager_phase; sp_grasp_phase; of the rule",
+         ("manager_phase", "grasp_phase", COUNT)),
+        ("lost refused finished is_success", "b1", (), "", FLAG),
     )),
     quantity_struct("course_quantities", "Quantities of robots on a course.", CourseQuantities),
     CStruct("course_rules", "The task of a course.", (

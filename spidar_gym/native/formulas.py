@@ -22,6 +22,7 @@ from spidar_gym.native.structs import fill
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.disturbances import Disturbances
+from spidar_gym.sim.object import ObjectConfig
 from spidar_gym.sim.recirculation import RecirculationConfig
 
 
@@ -89,6 +90,10 @@ class AirForces:
     """Force at each of the points below, world [N]."""
     points_w: Float[np.ndarray, "m 3"]
     """Duct centres, then three points of each link and five of the torso [m]."""
+    object_force_w: Vector3
+    """Force on the object, world [N]."""
+    object_torque_w: Vector3
+    """Its torque about the object's origin, world [Nm]."""
 
 
 def evaluate_air(
@@ -102,6 +107,7 @@ def evaluate_air(
     recirculation: RecirculationConfig | None = None,
     eddy: np.ndarray | None = None,
     robot: RobotSpec = ROBOT,
+    thing: ObjectConfig | None = None,
 ) -> AirForces:
     """Evaluate the forces of the air on a robot whose kinematics are up to date.
 
@@ -115,21 +121,27 @@ def evaluate_air(
         recirculation: Parameters of the recirculation.
         eddy: State of its eddy, (6,): U, then Ω, less their means, over their standard deviations; none without it.
         robot: Robot of the scene.
+        thing: Object of the scene; none by default.
     """
     layouts = engine_layouts()
     parameters, found = np.zeros((), layouts["aero_config"]), np.zeros((), layouts["air"])
     fill(parameters, config or AeroConfig())
     returning = np.zeros((), layouts["recirculation_config"])
     fill(returning, recirculation or RecirculationConfig())
+    nearby = np.zeros((), layouts["object_config"])
+    fill(nearby, thing or ObjectConfig())
     given = [np.ascontiguousarray(each, float) for each in (thrust, wind_w, noise, push_w)]
     names = ("tile0_0", "box0")
     has = [mujoco.mj_name2id(simulation.model, mujoco.mjtObj.mjOBJ_GEOM, name) >= 0 for name in names]  # pyright: ignore[reportAttributeAccessIssue] - compiled, without stubs
-    arguments = (world(*has, robot), simulation.record, parameters, returning, *given)
+    arguments = (
+        world(*has, robot, thing is not None), simulation.record, parameters, returning, nearby, *given,
+    )  # fmt: skip
     turning = None if eddy is None else pointer(np.ascontiguousarray(eddy, float))
     _function("sp_evaluate_air")(*map(pointer, arguments), turning, pointer(found))
     return AirForces(
         found["generalized"].copy(), found["thrust_factor"].copy(),
         found["forces_w"].reshape(-1, 3).copy(), found["points_w"].reshape(-1, 3).copy(),
+        found["object_force_w"].copy(), found["object_torque_w"].copy(),
     )  # fmt: skip
 
 

@@ -24,6 +24,7 @@ from spidar_gym.native.engine_structs import (
     MUJOCO_STATE,
     N_BALLS,
     N_DOFS,
+    OBJECT_STATE,
     engine_layouts,
 )
 from spidar_gym.robot import (
@@ -40,6 +41,7 @@ from spidar_gym.robot import (
 )
 from spidar_gym.sim.air import LINK_STATIONS
 from spidar_gym.sim.ground import BOXES, TILES
+from spidar_gym.sim.object import GEOM_TYPES, unit_patches
 from spidar_gym.sim.scene import quieten, scene
 from spidar_gym.sim.sensors import ENCODER_STEPS
 
@@ -58,15 +60,17 @@ DATA = (
 MODEL = ("actuator_gear", "actuator_ctrlrange", "actuator_actrange", "actuator_dynprm", "actuator_biasprm",
          "actuator_forcerange", "dof_frictionloss", "dof_damping", "body_mass", "body_inertia", "body_ipos",
          "body_iquat", "geom_friction", "geom_pos", "geom_quat", "geom_size", "geom_rbound", "geom_aabb",
-         "geom_sameframe", "body_geomnum")  # fmt: skip
+         "geom_sameframe", "body_geomnum", "geom_type")  # fmt: skip
 """Arrays of the mjModel in the order of `sp_sim`, before its flags."""
 DERIVED = ("actuator_acc0", "body_invweight0", "body_subtreemass", "bvh_aabb", "cam_poscom0", "dof_M0",
            "dof_invweight0", "dof_length")  # fmt: skip
 """Arrays of the mjModel that MuJoCo derives from these."""
 SHAPES = ("geom_size", "geom_rbound", "geom_aabb", "body_geomnum")
 """Arrays of the mjModel that boxes change besides their poses; unused ones are no part of the world's body."""
-BOXED = tuple(name for name in MODEL if name != "actuator_forcerange") + DERIVED
+FREE = (*(name for name in MODEL if name != "actuator_forcerange"), *DERIVED, "body_sameframe")
 """Arrays of the mjModel that differ between robots; torque limits are written whenever a robot is loaded."""
+BOXED = tuple(name for name in FREE if name not in ("geom_type", "body_sameframe"))
+"""Arrays that differ between robots without an object."""
 OWN = tuple(name for name in BOXED if name not in SHAPES)
 """Arrays that differ between robots on a floor without boxes."""
 FLAT = tuple(name for name in OWN if name not in ("bvh_aabb", "geom_pos", "geom_quat", "geom_sameframe"))
@@ -137,7 +141,7 @@ def offsets() -> dict[str, int]:
     contact, size, _ = _place(structs.STRUCTS["mjContact"].fields)
     warnings = next(field.type for field in structs.STRUCTS["mjData"].fields if field.name == "warning")
     return {
-        "time": data["time"], "ncon": data["ncon"], "contact": data["contact"],
+        "time": data["time"], "ncon": data["ncon"], "contact": data["contact"], "frame": contact["frame"],
         "warning": data["warning"], "disableflags": model["opt"] + option["disableflags"], "geom": contact["geom"],
         "stride": size, "warning_bytes": _extent(warnings)[0],
     }  # fmt: skip
@@ -177,6 +181,7 @@ def check() -> None:
         or not at["warning_bytes"] <= MAX_WARNING_BYTES
         or _number(data._address + at["warning"] + at["warning_bytes"] - 4) != 7654321
         or mujoco.mj_stateSize(scene(visual=False), STATE) != MUJOCO_STATE
+        or mujoco.mj_stateSize(scene(visual=False, free=True), STATE) != MUJOCO_STATE + OBJECT_STATE
     ):
         raise otherwise
 
@@ -198,7 +203,8 @@ class Simulation:
                 *(getattr(self.data, name).ctypes.data for name in DATA),
                 data_at + at["ncon"], data_at + at["contact"], data_at + at["warning"],
                 *(getattr(self.model, name).ctypes.data for name in MODEL),
-                model_at + at["disableflags"], at["stride"], at["geom"], at["warning_bytes"],
+                model_at + at["disableflags"], at["stride"], at["geom"], at["frame"],
+                at["warning_bytes"],
             ],
             np.uint64,
         )  # fmt: skip
@@ -215,21 +221,22 @@ class Simulation:
 
 
 @lru_cache(maxsize=64)
-def world(uneven: bool, boxed: bool = False, robot: RobotSpec = ROBOT) -> np.ndarray:
-    """Return `sp_world`, read only: a robot over a floor with tiles, with boxes, or plain.
+def world(uneven: bool, boxed: bool = False, robot: RobotSpec = ROBOT, free: bool = False) -> np.ndarray:
+    """Return `sp_world`, read only: a robot over a floor with tiles, with boxes, or plain, without or with an object.
 
     Raises:
         SpidarError: For a robot with too many parts, or with actuators in another order.
     """
-    model = scene(visual=False, uneven=uneven, boxed=boxed, robot=robot)
+    model = scene(visual=False, uneven=uneven, boxed=boxed, robot=robot, free=free)
     body, geom = (lambda name: model.body(name).id), (lambda name: model.geom(name).id)
     record = np.zeros((), engine_layouts()["world"])
     servos = [model.actuator(name).id for name in (*ROTOR_SITES, *JOINT_NAMES, *GIMBAL_NAMES)]
     moving = np.flatnonzero(model.geom_contype == 0)
-    fits = model.nbody <= MAX_BODIES and len(moving) <= MAX_MOVING and model.ngeom <= MAX_GEOMS and model.nv == N_DOFS
+    bodies, dofs = model.nbody - free, model.nv - 6 * free
+    fits = bodies <= MAX_BODIES and len(moving) <= MAX_MOVING and model.ngeom <= MAX_GEOMS and dofs == N_DOFS
     if not fits or servos != list(range(len(servos))) or model.actuator_actadr.tolist() != servos:
         raise SpidarError(
-            f"the robot has {model.nbody} bodies, {len(moving)} geoms, {model.nv} degrees of freedom; valid: up to "
+            f"the robot has {bodies} bodies, {len(moving)} geoms, {dofs} degrees of freedom; valid: up to "
             f"{MAX_BODIES}, {MAX_MOVING}, just {N_DOFS}; thrusts, joints, vectoring angles in this order"
         )
     names = [f"foot{leg}" for leg in range(1, N_LEGS + 1)] + list(PEG_SITES)
@@ -241,20 +248,25 @@ def world(uneven: bool, boxed: bool = False, robot: RobotSpec = ROBOT) -> np.nda
     kinds, touches, feet = np.full(MAX_GEOMS, -1), np.zeros(MAX_GEOMS), np.zeros(MAX_GEOMS)
     kinds[balls], kinds[ducts] = np.arange(N_BALLS), N_BALLS
     touches[: model.ngeom], feet[balls[:N_LEGS]] = model.geom_conaffinity > 0, 1
+    if free:
+        touches[geom("object")] = 0
     data = mujoco.MjData(model)
-    start = np.zeros(MUJOCO_STATE)
+    start = np.zeros(mujoco.mj_stateSize(model, STATE))
     mujoco.mj_getState(model, data, start, STATE)
     values = {
-        "bodies": model.nbody, "torso": body("torso"), "floor": geom("floor"), "geoms": model.ngeom,
+        "bodies": bodies, "torso": body("torso"), "floor": geom("floor"), "geoms": model.ngeom,
         "moving": len(moving), "module_body": modules, "link_body": [body(f"link{i}") for i in range(1, N_LINKS + 1)],
         "part_body": [body(part.format(i)) for i in range(1, N_LINKS + 1) for part in parts],
-        "body_parent": model.body_parentid, "body_dofadr": model.body_dofadr, "body_dofnum": model.body_dofnum,
+        "body_parent": model.body_parentid[:bodies], "body_dofadr": model.body_dofadr[:bodies],
+        "body_dofnum": model.body_dofnum[:bodies],
         "joint_qpos": [joint.qposadr[0] for joint in joints], "joint_dof": [joint.dofadr[0] for joint in joints],
         "ball": balls, "ball_body": model.geom_bodyid[balls], "duct": ducts, "geom": moving, "geom_kind": kinds,
         "geom_touches": touches, "geom_is_foot": feet,
         "tile": [geom(f"tile{i}_{j}") if uneven else -1 for i in range(TILES) for j in range(TILES)],
         "box": [geom(f"box{k}") if boxed else -1 for k in range(BOXES)],
-        "mass": model.body_mass, "inertia": model.body_inertia, "com": model.body_ipos,
+        "object": body("object") if free else -1, "object_geom": geom("object") if free else -1,
+        "object_type": GEOM_TYPES, "patch": unit_patches(),
+        "mass": model.body_mass[:bodies], "inertia": model.body_inertia[:bodies], "com": model.body_ipos[:bodies],
         "torso_axes": model.body_iquat[body("torso")],
         "geom_reach": model.geom_rbound[moving],
         "ball_radius": [robot.foot_radius] * N_LEGS + [robot.peg_radius] * len(PEG_SITES),

@@ -23,13 +23,14 @@ from spidar_gym.sim.config import NEEDS_RNG, PlantConfig
 from spidar_gym.sim.disturbances import PUSH_SECONDS, Disturbances
 from spidar_gym.sim.energy import CAPACITY_WH, USABLE
 from spidar_gym.sim.ground import Touch
+from spidar_gym.sim.object import ObjectState
 from spidar_gym.sim.scene import TIMESTEP
 from spidar_gym.state import Command, Measurement, Reference, RobotState
 
 _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 _POSE = np.dtype(
     [("position_w", "f8", 3), ("quat_wb", "f8", 4), ("joint_position", "f8", N_JOINTS),
-     ("vectoring", "f8", 2 * N_ROTORS), ("thrust", "f8", N_ROTORS), ("motion", "f8", 6)]
+     ("vectoring", "f8", 2 * N_ROTORS), ("thrust", "f8", N_ROTORS), ("motion", "f8", 6), ("object", "f8", 7)]
 )  # fmt: skip
 """`sp_pose`."""
 
@@ -129,17 +130,21 @@ class Plant:
         """Control period [s]."""
         return self.config.substeps * TIMESTEP
 
-    def configure(self, config: PlantConfig) -> None:
-        """Change the configuration from the next reset on (`InvalidValueError` for another spec or kind of floor)."""
+    def configure(self, config: PlantConfig, *, goes_on: bool = False) -> None:
+        """Change the configuration from the next reset on, or with `goes_on` from the next tick on.
+
+        Raises:
+            InvalidValueError: For another robot, or a world of another kind.
+        """
         if config.robot != self._engine.robot:
             raise InvalidValueError("robot", f"{config.robot.total_mass:.4g} kg", "the robot given at construction")
-        kinds = [(each.uneven, each.boxed) for each in (config.ground, self.config.ground)]
+        kinds = [(c.ground.uneven, c.ground.boxed, c.object.exists) for c in (config, self.config)]
         if kinds[0] != kinds[1]:
-            raise InvalidValueError("tiles, boxes", kinds[0], "the kind of floor given at construction")
+            raise InvalidValueError("tiles, boxes, object", kinds[0], "the kind of world given at construction")
         check_delay(config)
         configs = np.zeros(1, engine_layouts()["plant_config"])
         fill(configs[0], config)
-        self._engine.configure(configs)
+        self._engine.configure(configs, goes_on=goes_on)
         self._config = config
 
     def reset(
@@ -154,6 +159,7 @@ class Plant:
         rng: np.random.Generator | None = None,
         spent_wh: float | None = None,
         motion: np.ndarray | None = None,
+        object_pose: np.ndarray | None = None,
     ) -> RobotState:
         """Place the robot, servos at their setpoints and at rest.
 
@@ -168,6 +174,8 @@ class Plant:
             spent_wh: Energy that its battery lacks [Wh]; by default as configured.
             motion: Velocity of the torso's origin, world [m/s], and its angular velocity, torso axes [rad/s], shape
                 (6,); at rest by default.
+            object_pose: Position [m] and attitude (w, x, y, z) of the object at rest, shape (7,); by default level on
+                the floor at the origin.
 
         Raises:
             InvalidValueError: For a configuration that draws, wind or pushes without a generator.
@@ -180,7 +188,7 @@ class Plant:
         self.record["spent_wh"] = actuators.battery_spent * USABLE * CAPACITY_WH if spent_wh is None else spent_wh
         if rng is not None:
             self.record["generator"] = from_numpy(rng)
-        return self.place(position_w, quat_wb, joint_position, vectoring, thrust, motion)
+        return self.place(position_w, quat_wb, joint_position, vectoring, thrust, motion, object_pose)
 
     def place(
         self,
@@ -190,6 +198,7 @@ class Plant:
         vectoring: Vectoring | None = None,
         thrust: RotorVector | None = None,
         motion: np.ndarray | None = None,
+        object_pose: np.ndarray | None = None,
     ) -> RobotState:
         """Reset as `reset` does, with the present disturbances, generator and battery."""
         pose = self._pose[0]
@@ -198,6 +207,8 @@ class Plant:
         pose["vectoring"] = 0.0 if vectoring is None else vectoring.reshape(-1)
         pose["thrust"] = 0.0 if thrust is None else thrust
         pose["motion"] = 0.0 if motion is None else motion
+        level = [0.0, 0.0, self.config.object.scale[2], *_LEVEL]
+        pose["object"] = level if object_pose is None else object_pose
         self._engine.run("sp_reset_plants", None, self._pose)
         return self.state()
 
@@ -322,16 +333,27 @@ class Plant:
             float(found["duct_clearance"]), float(found["hit"]),
         )  # fmt: skip
 
+    def object(self) -> ObjectState:
+        """Return the state of the object (`InvalidValueError` without one)."""
+        if not self.config.object.exists:
+            raise InvalidValueError("object", "none", "a PlantConfig with an object")
+        record = self.record["object"]
+        vectors = {name: record[name].copy() for name in record.dtype.names if name not in ("is_hit", "rests")}
+        vectors["foot_force_w"] = vectors["foot_force_w"].reshape(N_LEGS, 3)
+        return ObjectState(**vectors, is_hit=bool(record["is_hit"]))
+
     def contact_forces(self) -> np.ndarray:
         """Return position and force of each contact with floor or boxes, on the robot, world: (k, 6) [m, N]."""
         data, wrench = self.data, np.zeros(6)
-        rows = np.zeros((data.ncon, 6))
-        for k in range(data.ncon):
+        last = self.model.nbody - 1 if self.config.object.exists else self.model.nbody
+        ours = np.flatnonzero((self.model.geom_bodyid[data.contact.geom] < last).all(axis=1))
+        rows = np.zeros((len(ours), 6))
+        for row, k in enumerate(ours):
             mujoco.mj_contactForce(self.model, data, k, wrench)
             force = data.contact.frame[k].reshape(3, 3).T @ wrench[:3]
             # MuJoCo returns the force on the second geom.
             is_ours = self.model.geom_bodyid[data.contact.geom[k, 1]] > 0
-            rows[k, :3], rows[k, 3:] = data.contact.pos[k], force if is_ours else -force
+            rows[row, :3], rows[row, 3:] = data.contact.pos[k], force if is_ours else -force
         return rows
 
     @property

@@ -100,6 +100,53 @@ class CourseQuantities(Quantities):
     """1 where the battery's usable energy is used up."""
 
 
+class GraspQuantities(Quantities):
+    """Quantities of robots that grasp."""
+
+    reach: np.ndarray
+    """Distance of the torso from its place for the grip [m]."""
+    gap: np.ndarray
+    """Mean horizontal distance of the feet from the object's sides [m]."""
+    clear: np.ndarray
+    """Least distance of a foot from the object's sides or top [m]."""
+    touching: np.ndarray
+    """Number of feet that touch the object."""
+    lifted: np.ndarray
+    """Height of the object over its stand at the start [m]."""
+    most_lifted: np.ndarray
+    """Largest such height of the episode [m]."""
+    way: np.ndarray
+    """Distance of the object from its place at the goal; a radian of heading counts as 0.5 m [m]."""
+    initial_way: np.ndarray
+    """That distance at the start [m]."""
+    position_error: np.ndarray
+    """Distance of the object from its place at the goal [m]."""
+    yaw_error: np.ndarray
+    """Absolute error of its heading, up to turns after which it looks the same [rad]."""
+    object_tilt: np.ndarray
+    """Angle between its axis and the vertical [rad]."""
+    object_speed: np.ndarray
+    """Speed of its middle [m/s]."""
+    fall: np.ndarray
+    """Largest speed at which the object has fallen in this episode [m/s]."""
+    force: np.ndarray
+    """Largest force of a foot on the object, a mean over a tenth of a second [N]."""
+    pressed: np.ndarray
+    """Largest such force of the episode over the one that the object bears."""
+    is_hit: np.ndarray
+    """1 where a part other than a foot has touched the object, or one other than feet and pegs anything."""
+    tilt: np.ndarray
+    """Angle between the torso's z axis and the vertical [rad]."""
+    charge: np.ndarray
+    """Remaining share of the battery's usable energy, 0 … 1."""
+    is_cut: np.ndarray
+    """1 where the rotors have been cut in the air."""
+    is_outside: np.ndarray
+    """1 where the robot has left the field."""
+    is_empty: np.ndarray
+    """1 where the battery's usable energy is used up."""
+
+
 def quantity_struct(name: str, doc: str, kind: type[Quantities]) -> CStruct:
     """Return the struct of one robot's quantities, numbers of eight bytes each: those of every task first.
 

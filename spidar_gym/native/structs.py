@@ -19,12 +19,19 @@ from spidar_gym.control.flight.centroidal import CentroidalConfig, MotionError
 from spidar_gym.control.flight.compensation import CompensationConfig
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.motion import MOTIONS
+from spidar_gym.control.grasp.claw import Contact
+from spidar_gym.control.grasp.grip import Grip
+from spidar_gym.control.grasp.phases import GRASP_PHASES, GraspConfig, GraspMemory, Seen, Setting
+from spidar_gym.control.grasp.rule import RuleMemory
+from spidar_gym.control.grasp.scene import GraspScene
+from spidar_gym.control.locomotion.commands import OBJECTS
 from spidar_gym.control.locomotion.orders import ManagerConfig
-from spidar_gym.model.interference import InterferenceConfig, no_interference
+from spidar_gym.model.interference import Disc, InterferenceConfig, no_interference
 from spidar_gym.model.rotor import Lock, LockConfig
 from spidar_gym.native.constants import ENUMERATIONS, snake
 from spidar_gym.robot import N_JOINTS, N_LEGS, N_ROTORS, RobotSpec, field_docs, source_doc
 from spidar_gym.sim.disturbances import FAULTS
+from spidar_gym.sim.object import SHAPES
 from spidar_gym.state import IMU_SAMPLES, POSE_FRAMES, Command, Measurement, Reference, Residual, RobotState
 
 T = TypeVar("T")
@@ -35,6 +42,9 @@ WORDS: dict[tuple[str, str], tuple[str, ...]] = {
     ("controller_config", "motion"): MOTIONS,
     ("gait_config", "stride"): STRIDES,
     ("disturbances", "fault"): FAULTS,
+    ("object_config", "shape"): SHAPES,
+    ("grasp_memory", "phase"): GRASP_PHASES,
+    ("grasp_scene", "shape"): OBJECTS,
 }
 """Fields that are words in Python and numbers in C, with the valid words in order."""
 Bounds = tuple[int | float, int | float]
@@ -64,6 +74,10 @@ WHOLE: dict[tuple[str, str], Bounds] = {
     ("allocator_config", "max_iter"): COUNT,
     ("plant_config", "substeps"): COUNT,
     ("disturbances", "lost_rotor"): (0, N_ROTORS),
+    ("grasp_memory", "tests"): COUNT,
+    ("rule_memory", "tries"): COUNT,
+    ("grasp_memory", "count"): COUNT,
+    ("grasp_config", "most_tests"): COUNT,
 }
 """Bounds of integers that are neither flags nor words, by struct and field."""
 FRACTIONS: dict[tuple[str, str], Bounds] = {
@@ -96,10 +110,13 @@ def samples() -> list[Any]:
         Reference(zero, quat, zero, zero, q),
         Residual(),
         Command(eight, angles, q, q),
+        Grip(zero, 0.0, 0.0), Disc(zero, 0.0),
         Pose2(), Lock(mask, mask, eight), no_interference(), MotionError(zero, zero, zero, zero),
         Demand(np.zeros(6), *maps, q, mask, eight, mask, eight, eight),
         CentroidalConfig(), CompensationConfig(), AllocatorConfig(), InterferenceConfig(), LockConfig(),
-        ControllerConfig(), GaitConfig(), CrawlerConfig(), EstimatorConfig(), ManagerConfig(),
+        ControllerConfig(), GaitConfig(), CrawlerConfig(), EstimatorConfig(),
+        GraspConfig(), Seen(zero, quat), Setting(), GraspMemory(), Contact(q, q, q, 0.0, 0.0), GraspScene(),
+        RuleMemory(), ManagerConfig(),
     ]  # fmt: skip
 
 

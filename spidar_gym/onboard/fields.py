@@ -81,6 +81,10 @@ RANGES: dict[tuple[str, str], Bounds] = {
     ("allocator_config", "price"): (0.0, 1e6),
     ("allocator_config", "max_iter"): (1, ONBOARD_ITERATIONS),
     ("manager_config", "unload_time"): (POSITIVE, 100.0),
+    **{("grasp_config", name): _ABOVE_0 for name in (
+        "reach_speed", "near_speed", "turn_speed", "feel_speed", "friction",
+    )},
+    ("grasp_config", "most_tests"): (1, 100),
 }  # fmt: skip
 """Least and largest value of the members of a struct that have another range than their unit."""
 

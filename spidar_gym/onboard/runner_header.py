@@ -1,7 +1,16 @@
 """The generated header spidar_runner.h: messages, topics, structs, limits, and the digest of the interface."""
 
 from spidar_gym.control.course import gates
-from spidar_gym.control.locomotion.commands import FIELD, HEIGHTS, SPEEDS, STEEPEST
+from spidar_gym.control.locomotion.commands import (
+    FIELD,
+    FORCES,
+    HEIGHTS,
+    MOST_FRICTION,
+    MOST_MASS,
+    SIZES,
+    SPEEDS,
+    STEEPEST,
+)  # fmt: skip
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.native.codegen.header import (
     array,
@@ -59,11 +68,12 @@ def _header_lines() -> list[str]:
     }  # fmt: skip
     bounds = {
         "FIELD": FIELD, "LEAST_SPEED": SPEEDS[0], "MOST_SPEED": SPEEDS[1], "LEAST_HEIGHT": HEIGHTS[0],
-        "MOST_HEIGHT": HEIGHTS[1], "STEEPEST": STEEPEST,
+        "MOST_HEIGHT": HEIGHTS[1], "STEEPEST": STEEPEST, "LEAST_SIZE": SIZES[0], "MOST_SIZE": SIZES[1],
+        "LEAST_FORCE": FORCES[0], "MOST_FORCE": FORCES[1], "MOST_MASS": MOST_MASS, "MOST_FRICTION": MOST_FRICTION,
     }  # fmt: skip
     lines = [define(name, value) for name, value in sizes.items()]
     lines += [define("RATE_TOLERANCE", RATE_TOLERANCE)]
-    lines += [define(f"ORDER_{name}", value, "m, m/s or rad") for name, value in bounds.items()]
+    lines += [define(f"ORDER_{name}", value, "m, m/s, rad, N or kg") for name, value in bounds.items()]
     lines += [define(f"MAP_{name}", getattr(gates, name), "m") for name in ("ROOM", "REACH", "FARTHEST")]
     lines += [define("MOST_EXCITATION", tuple(MOST_EXCITATION.values()), "rad, N")]
     lines += [define("FASTEST_EXCITATION", FASTEST_EXCITATION, "Hz")]

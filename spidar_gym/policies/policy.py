@@ -21,7 +21,9 @@ UNSTATED = "unstated"
 """Class of a policy that does not state its class."""
 LEARNED = ("learned", "residual")
 """Classes of trained policies."""
-KINDS = ("classical", *LEARNED, UNSTATED)
+CEILING = "ceiling"
+"""Class of a policy that is told what is hidden from a robot, and shows how much there is to gain."""
+KINDS = ("classical", *LEARNED, CEILING, UNSTATED)
 """Valid classes of a policy."""
 NAME, DOC, LINE = 64, 200, 4000
 """Length limits of a name, of a policy's description and of any other line of text, in characters."""
@@ -29,7 +31,7 @@ READABLE = ("allocator", "law")
 """Arguments that are custom code, which only the Python controllers call."""
 ARGUMENTS = (
     "action_mode", "action_scale", "hold", "observation", "preset", "gait", "controller", *READABLE, "schedule",
-    "avoid_interference", "max_iter",
+    "avoid_interference", "max_iter", "grip", "grasp",
 )  # fmt: skip
 """Arguments of the environment that a policy may set; the others are the track's."""
 
@@ -132,6 +134,8 @@ def policy_arguments(policy: Policy, env_id: str) -> dict[str, Any] | None:
             raise InvalidValueError("arguments", name, "those that a policy may choose: " + ", ".join(ARGUMENTS))
     if chosen is not None and chosen.get("observation") is not None:
         require_name("observation of a policy", str(chosen["observation"]), ("vector", "scaled"))
+    if chosen is not None and chosen.get("grip") == "told" and policy_kind(policy) != CEILING:
+        raise InvalidValueError("grip", "told", f"a policy of class {CEILING}: mass and friction are hidden")
     return None if chosen is None else dict(chosen)
 
 

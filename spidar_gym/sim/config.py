@@ -1,4 +1,4 @@
-"""Configuration of the simulated robot in six parts, all nominal by default."""
+"""Configuration of the simulated robot and its world in seven parts, all nominal by default."""
 
 from dataclasses import dataclass, field, fields
 
@@ -8,6 +8,7 @@ from spidar_gym.sim.actuators import ActuatorConfig
 from spidar_gym.sim.air import AeroConfig
 from spidar_gym.sim.body import BodyConfig
 from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.object import ObjectConfig
 from spidar_gym.sim.recirculation import RecirculationConfig
 from spidar_gym.sim.sensors import SensorConfig
 
@@ -39,6 +40,8 @@ class PlantConfig:
     """Noise of the sensors."""
     ground: GroundConfig = field(default_factory=GroundConfig)
     """The floor."""
+    object: ObjectConfig = field(default_factory=ObjectConfig)
+    """A free object; by default there is none."""
     robot: RobotSpec = ROBOT
     """The described robot; the parts above may deviate from it, and `PlantConfig.of` returns none that do."""
 

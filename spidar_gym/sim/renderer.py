@@ -21,6 +21,7 @@ from spidar_gym.errors import SpidarError, require_name
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.object import ObjectConfig
 from spidar_gym.sim.opengl import SCREENS, has_display, no_opengl, require_opengl
 from spidar_gym.sim.scene import MAX_HEIGHT, MAX_WIDTH, scene
 from spidar_gym.turn import Turn
@@ -103,16 +104,25 @@ def _leave(context: Any) -> None:  # noqa: ANN401 - MuJoCo's, of any library
 class Drawn:
     """Model and data of a robot on a floor, for drawing."""
 
-    def __init__(self, ground: GroundConfig | None, robot: RobotSpec = ROBOT, *, film: bool) -> None:
-        """Build the model with a floor, a plane by default; `film` selects the look of films and figures."""
-        ground = ground or GroundConfig()
-        self._model = copy.copy(scene(visual=True, uneven=ground.uneven, film=film, boxed=ground.boxed, robot=robot))
-        self._data = mujoco.MjData(self._model)
-        self.lay(ground)
+    def __init__(
+        self, ground: GroundConfig | None, robot: RobotSpec = ROBOT, thing: ObjectConfig | None = None, *, film: bool
+    ) -> None:
+        """Build the model with a floor, a plane by default, and an object, if there is one.
 
-    def lay(self, ground: GroundConfig) -> None:
-        """Replace the floor by another of the same kind."""
+        `film` selects the look of films and figures.
+        """
+        ground, thing = ground or GroundConfig(), thing or ObjectConfig()
+        self._model = copy.copy(scene(
+            visual=True, uneven=ground.uneven, film=film, boxed=ground.boxed, robot=robot, free=thing.exists
+        ))  # fmt: skip
+        self._data = mujoco.MjData(self._model)
+        self.lay(ground, thing)
+
+    def lay(self, ground: GroundConfig, thing: ObjectConfig | None = None) -> None:
+        """Replace floor and object by others of the same kind."""
         ground.apply(self._model)
+        if thing is not None and thing.exists:
+            thing.apply(self._model)
 
     def _place(self, qpos: np.ndarray) -> None:
         """Set a configuration: bodies, centres of mass, cameras and lights."""
@@ -126,13 +136,14 @@ class OffscreenRenderer(Drawn):
     """Pictures of the robot from one of its cameras."""
 
     def __init__(
-        self, camera: str, width: int, height: int, ground: GroundConfig | None = None, robot: RobotSpec = ROBOT
-    ) -> None:
+        self, camera: str, width: int, height: int, ground: GroundConfig | None = None, robot: RobotSpec = ROBOT,
+        thing: ObjectConfig | None = None,
+    ) -> None:  # fmt: skip
         """Open an OpenGL context (`MissingDependencyError` with what to install if there is none)."""
         require_name("camera", camera, CAMERAS)
         if width > MAX_WIDTH or height > MAX_HEIGHT:
             raise SpidarError(f"cannot render {width} × {height}; valid: up to {MAX_WIDTH} × {MAX_HEIGHT}")
-        super().__init__(ground, robot, film=False)
+        super().__init__(ground, robot, thing, film=False)
         self._camera = mujoco.MjvCamera()
         self._camera.type, self._camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self._model.camera(camera).id
         _require_here()
@@ -175,10 +186,13 @@ class OffscreenRenderer(Drawn):
 class Window(Drawn):
     """MuJoCo's interactive viewer, which shows one configuration per `period` [s] of real time."""
 
-    def __init__(self, period: float, ground: GroundConfig | None = None, robot: RobotSpec = ROBOT) -> None:
+    def __init__(
+        self, period: float, ground: GroundConfig | None = None, robot: RobotSpec = ROBOT,
+        thing: ObjectConfig | None = None,
+    ) -> None:  # fmt: skip
         """Open the window (`SpidarError` without a display)."""
         require_display()
-        super().__init__(ground, robot, film=True)
+        super().__init__(ground, robot, thing, film=True)
         self._period, self._due = period, 0.0
         self._viewer: Any = mujoco.viewer.launch_passive(self._model, self._data, show_left_ui=False)
         self._viewer.opt.geomgroup[3] = 0

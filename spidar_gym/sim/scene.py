@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import mujoco
 
-from spidar_gym.robot import ROBOT, RobotSpec
+from spidar_gym.robot import N_LINKS, ROBOT, RobotSpec
 from spidar_gym.robot.description import model_text
 from spidar_gym.sim.ground import BOXES, NOWHERE, TILE, TILE_DEPTH, TILES
 
@@ -31,12 +31,18 @@ def quieten(data: mujoco.MjData) -> None:
 
 @lru_cache(maxsize=64)
 def scene(
-    visual: bool, uneven: bool = False, film: bool = False, boxed: bool = False, robot: RobotSpec = ROBOT
+    visual: bool,
+    uneven: bool = False,
+    film: bool = False,
+    boxed: bool = False,
+    robot: RobotSpec = ROBOT,
+    free: bool = False,
 ) -> mujoco.MjModel:
     """Build the model of a robot on a floor; without `visual`, purely visual geoms are omitted, a third of a step.
 
-    With `uneven` the floor has tiles, with `boxed` boxes, which `GroundConfig.apply` places. `film` selects the look of
-    films and figures. The plain look is fixed, because the environments' pictures, which may be observations, have it.
+    With `uneven` the floor has tiles, with `boxed` boxes, which `GroundConfig.apply` places. With `free` there is an
+    object, and rods and batteries collide with it, see `ObjectConfig`. `film` selects the look of films and figures.
+    The plain look is fixed, because the environments' pictures, which may be observations, have it.
     """
     spec = mujoco.MjSpec.from_string(model_text(robot))
     if not visual:
@@ -59,6 +65,8 @@ def scene(
         box.pos, box.size = NOWHERE[:3], NOWHERE[3:]
         box.contype, box.conaffinity, box.friction = 1, 0, floor.friction
         box.rgba = [0.78, 0.74, 0.68, 0.45 if film else 1.0]  # transparent in films
+    if free:
+        _add_object(spec, robot)
     if visual:
         getattr(spec.visual, "global").offwidth = MAX_WIDTH
         getattr(spec.visual, "global").offheight = MAX_HEIGHT
@@ -68,6 +76,31 @@ def scene(
     # A diverging state must be detected, not reset by MuJoCo.
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return model
+
+
+def _add_object(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
+    """Add a free object, which `native/engine/object.c` shapes, and what it can touch: rods and batteries."""
+    length, width, height = (edge / 2 for edge in robot.battery_size)
+    for i in range(1, N_LINKS + 1):
+        link, inner = spec.body(f"link{i}"), i % 2 == 1
+        end = robot.pitch_to_yaw if inner else robot.pitch_to_foot
+        rod = link.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0, 0, 0, end, 0, 0], size=[robot.rod_radius, 0, 0]
+        )
+        battery = link.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[length, height, width])
+        battery.pos = robot.inner_battery if inner else robot.outer_battery
+        for geom in (rod, battery):
+            geom.contype, geom.conaffinity, geom.mass, geom.group = 0, 1, 0.0, 3
+            geom.friction, geom.solref = [robot.peg_friction, 0.005, 0.0001], [0.006, 1.0]
+    # The last body, so that all numbers of the robot's parts are those of a world without it. An off-centre mass keeps
+    # MuJoCo from simplifications for bodies whose centre of mass is their origin.
+    thing = spec.worldbody.add_body(name="object", mass=1.0, ipos=[0.01, 0.0, 0.0], inertia=[1.0, 1.0, 1.0])
+    thing.explicitinertial = True
+    thing.add_freejoint(name="object")
+    geom = thing.add_geom(name="object", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1])
+    # Its friction, not that of feet (priority 1), is that of its contacts; the rest are the feet's settings.
+    geom.contype, geom.conaffinity, geom.condim, geom.priority = 1, 1, 4, 2
+    geom.solref, geom.rgba = [0.006, 1.0], [0.86, 0.65, 0.13, 1.0]
 
 
 def _light_plainly(spec: mujoco.MjSpec) -> None:

@@ -16,9 +16,10 @@ import numpy as np
 from mujoco.rendering.classic import gl_context
 
 from spidar_gym.errors import require_name
-from spidar_gym.robot import ROBOT, ROTOR_SITES, RobotSpec
+from spidar_gym.robot import N_JOINTS, ROBOT, ROTOR_SITES, RobotSpec
 from spidar_gym.robot.description import CAMERAS
 from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.object import ObjectConfig
 from spidar_gym.sim.renderer import Drawn, offscreen_library
 from spidar_gym.sim.scene import scene
 
@@ -37,6 +38,8 @@ SHORTEST = 0.01
 JET_COLOR = (0.25, 0.55, 0.95)
 JET_LENGTH, JET_PIECES = 0.75, 3
 """Drawn length of a jet [m], and the number of its pieces."""
+ROBOT_QPOS = 7 + 2 * N_JOINTS
+"""Numbers of a robot's configuration; those of an object follow."""
 FADED, EASE = 0.1, 0.12
 """Opacity of a box between the camera and the robot, and the share by which each picture approaches it."""
 MARGIN = 12
@@ -45,7 +48,7 @@ MARGIN = 12
 
 def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
     """Interpolate between two configurations at a share 0 … 1; attitudes are interpolated by rotation."""
-    model = scene(visual=False)
+    model = scene(visual=False, free=len(first) > ROBOT_QPOS)
     velocity, found = np.zeros(model.nv), first.copy()
     mujoco.mj_differentiatePos(model, velocity, 1.0, first, second)
     mujoco.mj_integratePos(model, found, velocity, share)
@@ -53,13 +56,14 @@ def between(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
 
 
 def cog(qpos: np.ndarray, robot: RobotSpec = ROBOT) -> np.ndarray:
-    """Return the centre of gravity in each configuration (n, 39): (n, 3), world [m]."""
-    return np.array([data.subtree_com[1].copy() for data in _placed(scene(visual=False, robot=robot), qpos)])
+    """Return the robot's centre of gravity in each configuration (n, 39 or 46): (n, 3), world [m]."""
+    placed = _placed(scene(visual=False, robot=robot), qpos[:, :ROBOT_QPOS])
+    return np.array([data.subtree_com[1].copy() for data in placed])
 
 
 def extent(qpos: np.ndarray, robot: RobotSpec = ROBOT) -> np.ndarray:
-    """Return points (k, 3) that enclose the robot in configurations (n, 39) and the floor below its torso [m]."""
-    model = scene(visual=True, film=True, robot=robot)
+    """Return points (k, 3) that enclose robot, object and the floor below the torso in configurations (n, 39 or 46)."""
+    model = scene(visual=True, film=True, robot=robot, free=qpos.shape[1] > ROBOT_QPOS)
     shown = _robot(model)
     reach = model.geom_rbound[shown][:, None]
     found = []
@@ -142,7 +146,7 @@ class Stage(Drawn):
 
     def __init__(
         self, camera: str | mujoco.MjvCamera, width: int, height: int, ground: GroundConfig | None = None,
-        robot: RobotSpec = ROBOT,
+        robot: RobotSpec = ROBOT, thing: ObjectConfig | None = None,
     ) -> None:  # fmt: skip
         """Open an OpenGL context (`MissingDependencyError` with what to install if there is none).
 
@@ -152,8 +156,9 @@ class Stage(Drawn):
             height: Height of the pictures [px].
             ground: The floor; a plane by default.
             robot: The robot.
+            thing: The object, if there is one.
         """
-        super().__init__(ground, robot, film=True)
+        super().__init__(ground, robot, thing, film=True)
         self._robot = robot
         self._size = width, height
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = width, height

@@ -10,7 +10,17 @@ from spidar_gym.control.crawl.footsteps import Move, plan_cycles
 from spidar_gym.control.crawl.gait import nominal_time
 from spidar_gym.control.crawl.pose2 import Pose2
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.control.locomotion.commands import CrawlTo, FlyTo, Land, LocomotionCommand, TakeOff, require_order
+from spidar_gym.control.locomotion.commands import (
+    CarryTo,
+    CrawlTo,
+    FlyTo,
+    Grasp,
+    Land,
+    LocomotionCommand,
+    Place,
+    TakeOff,
+    require_order,
+)
 from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.errors import require_name
 from spidar_gym.paper.flight import FLIGHT_SECONDS, UNRESTRICTED
@@ -216,6 +226,17 @@ def order_line(command: LocomotionCommand) -> str:
         return f"take_off {command.height!r}"
     if isinstance(command, Land):
         return f"land {command.floor!r} {command.slope!r}"
+    if isinstance(command, Grasp):
+        size = " ".join(f"{float(each)!r}" for each in command.half_size)
+        numbers = (command.most_force, command.mass, command.height, command.force, command.friction)
+        return f"grasp {command.shape} {size} {' '.join(map(repr, numbers))}"
+    if isinstance(command, CarryTo):
+        x, y, z = command.position_w
+        return f"carry_to {x!r} {y!r} {z!r} {command.speed!r}" + ("" if command.yaw is None else f" {command.yaw!r}")
+    if isinstance(command, Place):
+        return f"place {command.floor!r}"
+    if not isinstance(command, FlyTo):
+        return "release"
     x, y, z = command.position_w
     words = [f"fly_to {x!r} {y!r} {z!r} {command.speed!r}", *["along"] * command.along, *["at_once"] * command.at_once]
     words += [] if command.room is None else [f"room {command.room!r}"]
@@ -244,7 +265,7 @@ def course_mission(
     controller_config(preset)
     crawler_config(crawler)
     told = fly_over() if commands is None else tuple(commands)
-    require_order(told, airborne=False)
+    require_order(told, "floor")
     lines = [f"course {preset} {crawler}", *_switches(odometry, False)]
     lines += [f"speed {COURSE_SPEED:g} {COURSE_CRAWL_SPEED:g}", _fence(told)]
     text = "\n".join([*lines, *map(order_line, told), ""])
@@ -291,7 +312,7 @@ def _fence(commands: Iterable[LocomotionCommand]) -> str:
     for command in commands:
         if isinstance(command, CrawlTo):
             places.append(np.array([command.pose.x, command.pose.y, 0.0]))
-        elif isinstance(command, FlyTo):
+        elif isinstance(command, FlyTo | CarryTo):
             places.append(np.array(command.position_w))
         elif isinstance(command, TakeOff):
             top = max(top, command.height)

@@ -7,7 +7,13 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from spidar_gym.errors import InvalidValueError, SpidarError
-from spidar_gym.native.quantities import CourseQuantities, CrawlQuantities, HoverQuantities, Quantities
+from spidar_gym.native.quantities import (
+    CourseQuantities,
+    CrawlQuantities,
+    GraspQuantities,
+    HoverQuantities,
+    Quantities,
+)
 from spidar_gym.robot import N_LEGS
 
 
@@ -164,3 +170,19 @@ class CourseRobots(CourseQuantities, Robots):
     """Robots on a course."""
 
     kind, quantities = "course", CourseQuantities
+
+
+class GraspRobots(GraspQuantities, Robots):
+    """Robots that grasp."""
+
+    kind, quantities = "grasp", GraspQuantities
+
+    @cached_property
+    def objects(self) -> np.ndarray:
+        """True states of the objects, records of `ObjectState`'s fields with flat arrays."""
+        return self.records["plant"]["object"]
+
+    @cached_property
+    def scene(self) -> np.ndarray:
+        """Scenes, records of `GraspScene`'s fields."""
+        return self.records["scene"]

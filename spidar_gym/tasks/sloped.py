@@ -15,9 +15,10 @@ from spidar_gym.control.flight.observation import Field
 from spidar_gym.sim.ground import TILE, TILES
 from spidar_gym.tasks.course import CourseTask
 from spidar_gym.tasks.crawl import SHORTFALLS, CrawlTask
+from spidar_gym.tasks.grasp import CLEAR_OF, GraspTask
 from spidar_gym.tasks.hover import HoverTask
 from spidar_gym.tasks.path import PathTask
-from spidar_gym.tasks.robots import CourseRobots, CrawlRobots, HoverRobots
+from spidar_gym.tasks.robots import CourseRobots, CrawlRobots, GraspRobots, HoverRobots
 from spidar_gym.tasks.task import Task, length, require_ranges, tolerance
 
 WIDE_POSITION, WIDE_ATTITUDE = 0.15, 0.15
@@ -28,6 +29,8 @@ NARROW_POSITION, NARROW_ATTITUDE = 0.03, 0.03
 """Errors at which the narrow terms of a flight are ½ [m], [rad]."""
 WHOLE = 100.0
 """Value of the whole way to the goal, and of the arrival there."""
+FARTHEST = 3.0
+"""Distance from the place of a grip at which a robot has gained nothing [m]."""
 PER_WH = 1.0
 """Value of a watt-hour."""
 ARRIVAL = {"arrival_position": (1e-3, 1.0, "m"), "arrival_yaw": (1e-3, 3.2, "rad")}
@@ -194,8 +197,47 @@ class SlopedCourse(CourseTask):
         return _progress_terms(robots, self.succeeded(robots))
 
 
+@dataclass(frozen=True)
+class SlopedGrasp(GraspTask):
+    """The grasp, by progress: to the object, around it, up, to the goal, and away from it."""
+
+    reward_terms = {  # noqa: RUF012 - the form in which derived tasks write it
+        "progress": (0.7, f"{WHOLE:g} × the gain of the step: ¼ of the way to the object, ¼ of the closing of the feet "
+                          "and of the lift, ½ of the way to the goal"),
+        "arrival": (0.25, f"{WHOLE:g} in the step in which the object stands at its goal, released"),
+        "energy": (0.05, f"− {PER_WH:g} per watt-hour"),
+    }  # fmt: skip
+    memory: ClassVar[tuple[tuple[Any, ...], ...]] = _MEMORY
+    ends_with_success = True
+
+    def advance(self, robots: GraspRobots) -> None:
+        """Note the progress of a step."""
+        memory = robots.memory
+        energy = robots.records["plant"]["energy_wh"]
+        begins = robots.ticks <= 1
+        delivered = robots.way <= 0.1
+        near = np.where(delivered, 1.0, 1.0 - np.minimum(1.0, robots.reach / FARTHEST))
+        lifted = np.clip(robots.lifted / 0.5, 0.0, 1.0)
+        held = np.where(delivered, 1.0, 0.5 * robots.touching / 4.0 + 0.5 * lifted)
+        away = np.where(delivered, np.clip(robots.clear / CLEAR_OF, 0.0, 1.0), 0.0)
+        done = 0.9 * np.clip(1.0 - robots.way / robots.initial_way, 0.0, 1.0) + 0.1 * away
+        share = 0.25 * near + 0.25 * held + 0.5 * done
+        memory["gained"] = np.where(begins, 0.0, share - memory["share"])
+        memory["spent_wh"] = np.where(begins, 0.0, energy - memory["energy_wh"])
+        memory["share"], memory["energy_wh"] = share, energy
+
+    def terms(self, robots: GraspRobots) -> Mapping[str, np.ndarray]:
+        """Terms of the reward."""
+        return {
+            "progress": WHOLE * robots.memory["gained"],
+            "arrival": np.where(self.succeeded(robots), WHOLE, 0.0),
+            "energy": -PER_WH * robots.memory["spent_wh"],
+        }
+
+
 SLOPED: Mapping[type[Task[Any]], type[Task[Any]]] = {
     HoverTask: SlopedHover, PathTask: SlopedPath, CrawlTask: SlopedCrawl, CourseTask: SlopedCourse,
+    GraspTask: SlopedGrasp,
 }  # fmt: skip
 """Task with `reward="sloped"`, by the task without."""
 REWARDS = ("narrow", "sloped")

@@ -22,6 +22,7 @@ from spidar_gym.viz.film import (
     film_take,
     flight_take,
     flight_traces,
+    grasp_traces,
 )
 from spidar_gym.viz.stills import crawl_strip, forms_picture
 
@@ -43,6 +44,7 @@ __all__ = [
     "forms_picture",
     "frontier_figure",
     "gate_figure",
+    "grasp_traces",
     "leaderboard_picture",
     "learning_curves",
     "speed_figure",

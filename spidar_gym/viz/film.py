@@ -16,6 +16,7 @@ from spidar_gym.paper.crawl import CrawlLog
 from spidar_gym.paper.flight import FORM_CHANGE, UNRESTRICTED, FlightLog
 from spidar_gym.robot import ROBOT, RobotSpec
 from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.object import ObjectConfig
 from spidar_gym.sim.renderer import require_pictures
 from spidar_gym.sim.stage import FIXED, Stage, between, cog, extent, standing
 from spidar_gym.so3 import quat_to_matrix
@@ -48,7 +49,7 @@ class Take:
     time: np.ndarray
     """Time, (n,) [s]."""
     qpos: np.ndarray
-    """Configuration of the simulated robot, (n, 39)."""
+    """Configuration of the simulated robot, (n, 39), or with an object (n, 46)."""
     thrust: np.ndarray
     """Thrust, (n, 8) [N]."""
     phase: Sequence[str]
@@ -63,6 +64,8 @@ class Take:
     """Speed of the video as a multiple of real time."""
     robot: RobotSpec = ROBOT
     """Robot."""
+    thing: ObjectConfig | None = None
+    """Object, if there is one."""
 
 
 def tick_at(take: Take, time: float) -> int:
@@ -148,7 +151,7 @@ class Film:
         stages: list[Stage] = []
         try:
             for take in takes:
-                stages.append(Stage(camera, width, height, take.ground, take.robot))
+                stages.append(Stage(camera, width, height, take.ground, take.robot, take.thing))
             for number in frames(range(length(takes))):
                 time = takes[0].pace * (number + 1) / FPS
                 frame = np.hstack([picture(take, stage, time) for take, stage in zip(takes, stages, strict=True)])
@@ -243,6 +246,23 @@ def course_traces(qpos: np.ndarray, thrust_fraction: np.ndarray, charge: np.ndar
         "height of the torso [m]": qpos[:, 2],
         "thrust over weight": thrust_fraction,
         "charge [%]": 100.0 * charge,
+    }
+
+
+def grasp_traces(qpos: np.ndarray, grip: np.ndarray, force: np.ndarray, thrust: np.ndarray) -> dict[str, np.ndarray]:
+    """Compute the height of the object, forces and thrust of a grasp, with one row per step.
+
+    Args:
+        qpos: Configurations (n, 46).
+        grip: Planned force of a foot, (n,) [N].
+        force: Largest force of a foot on the object, (n,) [N].
+        thrust: Commanded Σλ over the weight, (n,).
+    """
+    return {
+        "height of the object [m]": qpos[:, 41],
+        "planned grip of a foot [N]": grip,
+        "largest force of a foot [N]": force,
+        "thrust over weight": thrust,
     }
 
 

@@ -1,7 +1,7 @@
 """Pictures of the guide: environments, tracks, presets, studies, and the paper's experiments."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,8 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS
 from spidar_gym.envs.course_env import CourseEnv
 from spidar_gym.envs.crawl_env import CrawlEnv
-from spidar_gym.envs.registry import COURSE, ENVIRONMENTS
+from spidar_gym.envs.grasp_env import GraspEnv
+from spidar_gym.envs.registry import COURSE, ENVIRONMENTS, GRASP
 from spidar_gym.paper.crawl import crawl_paper
 from spidar_gym.paper.flight import fly_paper
 from spidar_gym.policies.rollout import rollout
@@ -55,6 +56,15 @@ AROUND = 0.2, 0.8, 0.15, 0.75
 """Left, right, bottom, top of the region that contains the robot, as shares of a picture of a course."""
 REEL = "spidar"
 """Name of the animated picture."""
+GRASP_SEED = 1
+"""Seed of the grasp of the animation: a box."""
+GRASP_SHOTS = {
+    "over": ("comes over it", 1.0),
+    "grip": ("presses", 1.0),
+    "carry": ("carries", 0.5),
+    "open": ("lets go", 1.0),
+}
+"""Moments of a grasp: phase → caption, and share of the phase."""
 FLIGHT_SHOTS = {"form ①": 3.0, "form ③": 26.0, "constraint dropped": 30.0}
 """Moments of the paper's flight [s]."""
 
@@ -80,6 +90,7 @@ def gallery() -> dict[str, Callable[[Path], object]]:
     }
     drawings |= {f"environment-{name.split('/')[1]}": partial(cameras, name) for name in ENVIRONMENTS}
     drawings["environment-Course-v0"] = course_strip
+    drawings["environment-Grasp-v0"] = grasp_strip
     drawings[REEL] = reel
     drawings |= {f"track-{name}": partial(track_strip, name) for name in TRACKS}
     drawings |= {f"preset-{name}": partial(flight_strip, name) for name in PRESETS}
@@ -171,17 +182,68 @@ def _passages(env: CourseEnv, path: Path, *, seed: int, options: dict[str, Any] 
         Shot(f"{word}, {tick * DECIDE / CONTROL_RATE:.0f} s", *rows[tick])
         for word, tick in (*moments, ("at the goal", len(rows) - 1))
     ]
-    pictures = []
-    for shot in shots:  # each with a camera near the robot
-        stage = Stage(standing(extent(shot.qpos[None]), SIZE[0] / SIZE[1], AROUND), *SIZE, env.plant.config.ground)
+    _near(env, shots, path)
+
+
+def _near(env: CourseEnv | GraspEnv, shots: Sequence[Shot], path: Path) -> None:
+    """Draw shots two per row, each with a camera near the robot, and close the environment."""
+    pictures, world = [], env.plant.config
+    for shot in shots:
+        camera = standing(extent(shot.qpos[None]), SIZE[0] / SIZE[1], AROUND)
+        stage = Stage(camera, *SIZE, world.ground, thing=world.object)
         pictures.append(stage.render(shot.qpos, thrust=shot.thrust))
         stage.close()
     write_strip(path, pictures, [shot.words for shot in shots], columns=2)
     env.close()
 
 
+def grasp_strip(path: Path) -> None:
+    """Draw the rule in a grasp: over the object, pressing, carrying, letting go."""
+    env = _with_object()
+    _moments(env, list(_held(env, GRASP_SEED)), path)
+
+
+def _with_object(**options: Any) -> GraspEnv:  # noqa: ANN401 - of the environment
+    env = gymnasium.make(GRASP, **options).unwrapped
+    assert isinstance(env, GraspEnv)
+    return env
+
+
+def _moments(env: GraspEnv, rows: list[tuple[Any, dict[str, Any]]], path: Path) -> None:
+    """Draw the steps of a completed episode at `GRASP_SHOTS`."""
+    shots = []
+    for phase, (words, share) in GRASP_SHOTS.items():
+        ticks = [k for k, (_, info) in enumerate(rows) if info["grasp_phase"] == phase]
+        tick = ticks[round(share * (len(ticks) - 1))]
+        shots.append(Shot(f"{words}, {tick / CONTROL_RATE:.0f} s", rows[tick][0], rows[tick][1]["thrust"]))
+    _near(env, shots, path)
+
+
+def _held(env: GraspEnv, seed: int, options: dict[str, Any] | None = None) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """Yield configuration and `info` of each step of the rule."""
+    for step in rollout(env, seed=seed, options=options, ticks=env.horizon):
+        yield env.plant.data.qpos.copy(), step.info
+
+
+def _grasp_track(track: str, path: Path) -> None:
+    for scenario in load_scenarios(track)[0]:
+        env = make_env(TRACKS[track], scenario, {})
+        assert isinstance(env, GraspEnv)
+        rows = list(_held(env, scenario.seed, reset_options(scenario)))
+        if rows[-1][1]["is_success"]:
+            _moments(env, rows, path)
+            return
+        env.close()
+
+
 def track_strip(track: str, path: Path) -> None:
-    """Draw a track's first test scenario at three times, with the default controller; on courses, with the rule."""
+    """Draw a track's first test scenario at three times, with the default controller; courses and grasps by rules.
+
+    Of grasps the first one that the rule completes is drawn.
+    """
+    if TRACKS[track].env_id == GRASP:
+        _grasp_track(track, path)
+        return
     scenario = load_scenarios(track)[0][0]
     env = make_env(TRACKS[track], scenario, BY_RULE if TRACKS[track].env_id == COURSE else {})
     if isinstance(env, CourseEnv):
@@ -200,7 +262,7 @@ def track_strip(track: str, path: Path) -> None:
 
 
 def reel(path: Path) -> None:
-    """Write the animation of README: the paper's flight, a crawl, and a course with the rule."""
+    """Write the animation of README: the paper's flight, a crawl, a course and a grasp with their rules."""
     flight, crawl = flight_take(fly_paper("as_flown", noise=True)), crawl_take(crawl_paper("overlapped", noise=True))
     env = _on_course(1, sensors=True, randomization=0.5)
     rows = _go(env, COURSE_SEED)
@@ -219,6 +281,15 @@ def reel(path: Path) -> None:
             start, end = max(0.1, middle - 6.0), min(middle + 4.0, float(time[-1]))
             cuts.append(Cut(words[gate.kind], course, start, end, 6.0, "chase"))
     env.close()
+    grasp = _with_object()
+    held = list(_held(grasp, GRASP_SEED))
+    qpos, time = np.array([q for q, _ in held]), np.arange(1, len(held) + 1) / CONTROL_RATE
+    thrust, world = np.array([info["thrust"] for _, info in held]), grasp.plant.config
+    take = Take("grasp", time, qpos, thrust, [info["phase"] for _, info in held], {}, thing=world.object)
+    phases = [info["grasp_phase"] for _, info in held]
+    begin = float(time[phases.index("close")])
+    cuts.append(Cut("grasps a box and carries it", take, begin, float(time[-1]), 6.0))
+    grasp.close()
     write_reel(cuts, path)
 
 

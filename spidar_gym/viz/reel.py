@@ -1,4 +1,4 @@
-"""The animation of README and the guide: cuts of a flight through the forms, a crawl and a course."""
+"""The animation of README and the guide: cuts of a flight through the forms, a crawl, a course and a grasp."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ def _frames(cut: Cut) -> list[np.ndarray]:
     if not camera:
         shown = (take.time >= cut.start) & (take.time <= cut.end)
         camera = standing(extent(take.qpos[shown][::SAMPLED], take.robot), SIZE[0] / SIZE[1], WINDOW)
-    stage = Stage(camera, *SIZE, take.ground, take.robot)
+    stage = Stage(camera, *SIZE, take.ground, take.robot, take.thing)
     try:
         found = []
         for time in times.tolist():

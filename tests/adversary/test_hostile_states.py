@@ -17,7 +17,7 @@ from spidar_gym.errors import SpidarError
 from spidar_gym.native import limits, structs
 from spidar_gym.native.engine_structs import engine_layouts
 
-KINDS = {"hover": "hover", "path": "hover", "crawl": "crawl", "course": "course"}
+KINDS = {"hover": "hover", "path": "hover", "crawl": "crawl", "course": "course", "grasp": "grasp"}
 TESTS = Path(__file__).resolve().parents[1]
 STRUCTS = {name: f"{kind}_robot" for name, kind in KINDS.items()}
 VALUES = 6

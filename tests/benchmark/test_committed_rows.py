@@ -77,6 +77,22 @@ def test_on_courses_the_planner_is_better_than_the_rule_and_one_gait_alone_fails
         assert max(fly.success, crawl.success) < 0.2
 
 
+def test_the_rule_carries_objects_and_with_the_papers_interference_rows_alone_it_does_not():
+    cells = board().cells
+    assert cells["grasp_rule", "grasp-claw"].success >= 0.85
+    assert cells["grasp_rule", "grasp-boxes"].success >= 0.9
+    for track in ("grasp-boxes", "grasp-fragile"):
+        assert cells["grasp_paper_rows", track].success < 0.3
+        assert cells["grasp_paper_rows", track].difference.low > 0.0, "the whole interval of the difference is above 0"
+
+
+def test_knowing_mass_and_friction_lowers_the_error_of_a_grasp_but_does_not_carry_more():
+    for track in ("grasp-claw", "grasp-boxes", "grasp-fragile"):
+        rule, told = (board().cells[f"grasp_{name}", track] for name in ("rule", "told"))
+        assert told.difference.high < 0.0
+        assert abs(told.success - rule.success) < 0.15
+
+
 def test_the_leaderboard_is_what_its_rows_give():
     assert (ROOT / "baselines" / "LEADERBOARD.md").read_text(encoding="utf-8") == markdown(board())
 

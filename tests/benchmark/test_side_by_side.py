@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spidar_gym.benchmark import COURSE, CRAWL, HOVER, TRACKS, PolicyError, PresetPolicy, load_scenarios
+from spidar_gym.benchmark import COURSE, CRAWL, GRASP, HOVER, TRACKS, PolicyError, PresetPolicy, load_scenarios
 from spidar_gym.benchmark.evaluate import play
 from spidar_gym.benchmark.scoring import play_scenario, play_scenarios
 from spidar_gym.envs.hover_env import HoverEnv
@@ -20,7 +20,12 @@ LEARNED = Path(__file__).resolve().parents[2] / "baselines" / "learned"
 class Tuned(PresetPolicy):
     """The tuned controllers."""
 
-    presets = {HOVER: {"preset": "tuned"}, CRAWL: {"preset": "overlapped"}, COURSE: {"action_mode": "residual"}}
+    presets = {
+        HOVER: {"preset": "tuned"},
+        CRAWL: {"preset": "overlapped"},
+        COURSE: {"action_mode": "residual"},
+        GRASP: {},
+    }
 
 
 class Pushes(Tuned):

@@ -7,8 +7,16 @@ import gymnasium
 import numpy as np
 import pytest
 
-from spidar_gym.benchmark import COURSE, CRAWL, HOVER, TRACKS
-from spidar_gym.benchmark.track import CAP, REFERENCES, course_error, find_track, flight_error, ground_error
+from spidar_gym.benchmark import COURSE, CRAWL, GRASP, HOVER, TRACKS
+from spidar_gym.benchmark.track import (
+    CAP,
+    REFERENCES,
+    course_error,
+    find_track,
+    flight_error,
+    grasp_error,
+    ground_error,
+)
 from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.registry import PATH
 from spidar_gym.errors import UnknownNameError
@@ -21,6 +29,7 @@ IDS = [
     "flight-paper", "flight-forms", "flight-fast3", "flight-fast5", "flight-randomised", "flight-wind",
     "flight-narrow", "ground-paper", "ground-directions", "ground-friction", "ground-uneven", "ground-randomised",
     "flight-path", "ground-steps", "course-takeoff", "course-gates", "course-mixed",
+    "grasp-claw", "grasp-boxes", "grasp-fragile",
 ]  # fmt: skip
 
 
@@ -53,17 +62,20 @@ def test_a_track_flies_or_crawls_as_it_is_called_and_has_a_line_of_its_own(name)
     track = TRACKS[name]
     world = name.split("-")[0]
     assert track.env_id == (
-        PATH if name == "flight-path" else {"flight": HOVER, "ground": CRAWL, "course": COURSE}[world]
+        PATH if name == "flight-path" else {"flight": HOVER, "ground": CRAWL, "course": COURSE, "grasp": GRASP}[world]
     )
     assert (track.world, track.flies) == (world, world == "flight")
     calibrated = "calibrated" in name
     group = f"calibrated {world}" if calibrated else world
     assert track.group == {"flight-path": "path", "ground-steps": "steps"}.get(name, group)
     assert track.folder == ("calibrated" if calibrated else track.group)
-    assert track.splits == ("test", "validation", *(("second",) if calibrated else ()))
-    formula = TRACKS[{"flight": "flight-paper", "ground": "ground-paper"}.get(world, "course-gates")].formula
+    assert track.splits == ("test", "validation", *(("second",) if calibrated or world == "grasp" else ()))
+    first = {"flight": "flight-paper", "ground": "ground-paper", "course": "course-gates", "grasp": "grasp-claw"}
+    formula = TRACKS[first[world]].formula
     assert track.formula == formula + (", RMS from 10 s" if calibrated and track.flies else "")
-    assert track.reference == REFERENCES[track.group] == ("course_rule" if world == "course" else "qp")
+    assert (
+        track.reference == REFERENCES[track.group] == {"course": "course_rule", "grasp": "grasp_rule"}.get(world, "qp")
+    )
     assert track.doc
     assert "\n" not in track.doc
     assert sum(other.doc == track.doc for other in TRACKS.values()) == 1
@@ -118,6 +130,13 @@ def test_the_error_of_a_course_by_hand():
     assert course_error(0.0, 0.0, 0.0, 0.0, failed=False) == 0.0
 
 
+def test_the_error_of_a_grasp_by_hand():
+    assert grasp_error(40.0, 45.0, 0.05, 1.0, failed=False) == pytest.approx(1.0)
+    assert grasp_error(80.0, 0.0, 0.0, 0.0, failed=False) == pytest.approx(0.5)
+    assert grasp_error(0.0, 0.0, 0.05, 0.0, failed=False) == pytest.approx(0.25)
+    assert grasp_error(0.0, 0.0, 0.0, 0.5, failed=False) == pytest.approx(0.125)
+
+
 def test_what_ends_a_course_or_is_no_success_counts_as_one_in_its_term():
     assert course_error(0.0, 0.0, course.SUCCESS_POSITION, course.MAX_HIT, failed=False) == pytest.approx(0.5)
 
@@ -126,7 +145,11 @@ def _course_error(rest: float, energy: float, *, failed: bool) -> float:
     return course_error(0.0, energy, rest, 0.0, failed=failed)
 
 
-@pytest.mark.parametrize("error", [flight_error, ground_error, _course_error])
+def _grasp_error(rest: float, energy: float, *, failed: bool) -> float:
+    return grasp_error(0.0, energy, rest, 0.0, failed=failed)
+
+
+@pytest.mark.parametrize("error", [flight_error, ground_error, _course_error, _grasp_error])
 def test_a_failure_costs_the_cap_and_nothing_costs_more(error):
     assert error(0.0, 0.0, failed=True) == CAP
     assert error(1e9, 1e9, failed=True) == CAP
@@ -146,6 +169,10 @@ def test_the_formulas_in_words_agree_with_the_numbers():
         numbers = {"time_per_metre": 400.0 * a, "energy_per_metre": 100.0 * b, "final_error": a}
         words = by_words(TRACKS["course-mixed"].formula, **numbers, largest_contact_force=100.0 * b)
         assert course_error(400.0 * a, 100.0 * b, a, 100.0 * b, failed=False) == pytest.approx(words, rel=1e-9)
+        numbers = {"time": 1e3 * a, "energy": 1e3 * b, "final_error_of_the_object": a}
+        shares = {"largest_force_of_a_foot": 100.0 * b, "force_that_the_object_bears": 7.0}
+        words = by_words(TRACKS["grasp-boxes"].formula, **numbers, **shares)
+        assert grasp_error(1e3 * a, 1e3 * b, a, 100.0 * b / 7.0, failed=False) == pytest.approx(words, rel=1e-9)
 
 
 def test_on_the_ground_a_radian_counts_what_the_formula_says():

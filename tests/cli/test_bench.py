@@ -5,18 +5,16 @@ import numpy as np
 import pytest
 
 from spidar_gym.benchmark.track import WORLD
-from spidar_gym.cli import bench
+from spidar_gym.cli import bench, bench_in_turn
 from spidar_gym.cli.bench import (
-    EFFECTS,
     KINDS,
-    MOVING,
-    OFF,
     PAIRS,
     bench_table,
     hard_demands,
     measure,
     run_bench,
 )
+from spidar_gym.cli.bench_in_turn import EFFECTS, GRASPS, MOVING, OFF
 from spidar_gym.cli.main import main
 from spidar_gym.sim.config import PlantConfig
 
@@ -25,6 +23,8 @@ from spidar_gym.sim.config import PlantConfig
 def test_the_benchmark_reports_every_figure_and_its_unit(monkeypatch):
     monkeypatch.setattr(bench, "ROUNDS", 1)
     monkeypatch.setattr(bench, "TURNS", 2)
+    monkeypatch.setattr(bench_in_turn, "TURNS", 2)
+    monkeypatch.setattr(bench_in_turn, "HERDS", (2,))
     monkeypatch.setattr(bench, "CROWDS", crowds := ((1, 1), (3, 2)))
     result = run_bench(seconds=0.02)
     for preset in ("as_flown", "paper"):
@@ -48,7 +48,10 @@ def test_the_benchmark_reports_every_figure_and_its_unit(monkeypatch):
     effects = {row["effect"]: row for row in result["effects"]}
     assert {*effects} == {OFF, *EFFECTS, WORLD}
     assert all(row["cpu_us"] > 0.0 and row["ratio"] > 0.0 for row in effects.values())
-    assert all(name in table for name in effects)
+    grasps = {row["part"]: row for row in result["grasps"]}
+    assert {*grasps} == {*GRASPS}
+    assert grasps["Hover"]["of_hover"] == grasps["Crawl"]["of_crawl"] == 1.0
+    assert all(name in table for name in (*effects, *grasps))
 
 
 def test_the_timed_effects_change_a_flight():

@@ -206,7 +206,7 @@ def test_all_baselines_get_a_row_each_where_they_are_defined(here, capfd, monkey
         "planning", "indi", "adrc", "mpc", "adrc_steady", "indi_steady", "compensation_steady", "mpc_steady",
         "qp_tuned", "qp_tuned_v1", "qp_retuned", "qp_steady", "hold", "blind",
     }  # fmt: skip
-    assert len(names) == len(BASELINES) - 10, "four only crawl, six go courses"
+    assert len(names) == len(BASELINES) - 17, "four only crawl, six go courses, seven grasp"
     assert all(f"\n{name}: " in "\n" + out for name in names)
 
 

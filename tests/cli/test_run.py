@@ -13,7 +13,7 @@ from spidar_gym import viz
 from spidar_gym.benchmark.row import read_rows
 from spidar_gym.cli.main import main
 from spidar_gym.cli.run import COURSE_PACE
-from spidar_gym.envs.registry import COURSE
+from spidar_gym.envs.registry import COURSE, GRASP
 from spidar_gym.tasks.hover import HoverTask
 
 drawing = pytest.mark.skipif(
@@ -167,6 +167,29 @@ def test_a_video_of_a_course_is_faster_and_shows_phase_form_thrust_and_charge(he
     assert (np.diff(take.traces["charge [%]"]) < 0.0).all()
     assert take.ground.boxed
     assert take.time[-1] == pytest.approx(3.0)
+
+
+def test_in_a_grasp_the_rule_is_run_and_where_the_object_stands_is_printed(here, capfd):
+    main(["run", GRASP, "--seed", "1"])
+    (line,) = capfd.readouterr().out.splitlines()
+    assert re.search(
+        r"object off by .* mm, .* mrad, lifted by 0\.7\d m, .* \d+ N, grasps begun: 1, success: True", line
+    )
+
+
+@drawing
+def test_a_video_of_a_grasp_shows_the_object_and_its_height_grip_force_and_thrust(here, monkeypatch):
+    takes = []
+    shoot = viz.Film.shoot
+    monkeypatch.setattr(viz.Film, "shoot", lambda film, *own, **how: (takes.extend(own), shoot(film, *own, **how)))
+    main(["run", GRASP, "--seed", "1", "--seconds", "1", "--out", "grasp.mp4"])
+    assert b"ftyp" in (here / "grasp.mp4").read_bytes()[:16]
+    (take,) = takes
+    assert take.thing.exists
+    np.testing.assert_allclose(take.traces["height of the object [m]"], take.qpos[:, 41])
+    assert take.qpos[0, 41] < 0.5 < take.qpos[0, 2]
+    assert [*take.traces][1:] == ["planned grip of a foot [N]", "largest force of a foot [N]", "thrust over weight"]
+    assert take.phase[-1].startswith("over, ")
 
 
 @pytest.fixture(scope="module")

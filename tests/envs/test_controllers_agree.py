@@ -49,7 +49,7 @@ def converged():
     With its default tolerance, a change of one unit in the last place before a tick can let the line search of an
     iteration end elsewhere: velocities 1e-12 rad/s apart, which the servos' damping turns into torques 2e-11 N·m apart.
     """
-    models = [scene(visual=False, uneven=uneven, boxed=False, robot=ROBOT) for uneven in (False, True)]
+    models = [scene(visual=False, uneven=uneven, boxed=False, robot=ROBOT, free=False) for uneven in (False, True)]
     usual = [model.opt.tolerance for model in models]
     for model in models:
         model.opt.tolerance = 0.0
@@ -93,7 +93,8 @@ def test_from_the_same_state_both_controllers_lead_to_the_same_next_state(kind):
             look(title, value, told[title][0])
         ticks = EPISODE if terminated else ticks + 1
         # Both begin the next tick in the same state.
-        mujoco.mj_setState(env.plant.model, env.plant.data, vector.robots[0]["plant"]["row"], STATE)
+        row = vector.robots[0]["plant"]["row"][: mujoco.mj_stateSize(env.plant.model, STATE)]
+        mujoco.mj_setState(env.plant.model, env.plant.data, row, STATE)
     figures = {title: (max(found), float(np.median(found))) for title, found in worst.items()}
     far = sorted(figures.items(), key=lambda item: -item[1][0])
     print(f"{kind}: {STATES} states, {episode} episodes; farthest apart:")

@@ -152,7 +152,8 @@ def test_every_disturbance_is_documented_with_its_default_and_what_it_means(name
 def test_everything_that_is_randomised_is_documented_with_its_range_unit_and_source(name):
     rows = table(name, "Arguments", "Randomisation")
     rows += table(name, "Arguments", "Optional randomisation")
-    optional = [row for row in OPTIONAL_ROWS if not (name.endswith("Course-v0") and row.field.startswith("ground."))]
+    is_level = name.endswith(("Course-v0", "Grasp-v0"))
+    optional = [row for row in OPTIONAL_ROWS if not (is_level and row.field.startswith("ground."))]
     expected = (*TABLE, *optional)
     assert [row[0].strip("`") for row in rows] == [row.field for row in expected]
     ranges = {row.field: (row.low, row.high) for row in optional}

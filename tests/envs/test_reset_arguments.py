@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.episodes import assert_same, flight, make, same
 
-from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, HOVER, PATH
+from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, GRASP, HOVER, PATH
 from spidar_gym.errors import InvalidValueError, SpidarError, UnknownNameError
 from spidar_gym.tasks.hover import HoverTask
 
@@ -16,6 +16,7 @@ OTHERS: dict[str, dict[str, Any]] = {
     PATH: {"forms": "independent", "path": "lemniscate", "speed": 0.5},
     CRAWL: {"distance": 0.3, "direction": 0.5, "turn": 0.2, "friction": 0.6, "steps": 0.02, "schedule": "overlapped"},
     COURSE: {"gates": ("wall",), "floors": ("plain",), "count": (1, 1), "joint_speed": 0.5},
+    GRASP: {"shapes": ("cylinder",), "half_width": (0.2, 0.25), "mass": (0.5, 1.0), "joint_speed": 0.3},
 }
 """Arguments of each environment's task other than the defaults."""
 RANGES = {"body.total_mass": (16.5, 17.0), "strength": 0.5}

@@ -160,6 +160,7 @@ int main(int argc, char **argv)
         {sp_reset_hover_robots, sp_step_hover_robots, sp_show_hover_robots, sp_hold_hover_robots},
         {sp_reset_crawl_robots, sp_step_crawl_robots, sp_show_crawl_robots, sp_hold_crawl_robots},
         {sp_reset_course_robots, sp_step_course_robots, sp_show_course_robots, sp_hold_course_robots},
+        {sp_reset_grasp_robots, sp_step_grasp_robots, sp_show_grasp_robots, sp_hold_grasp_robots},
     };
     uint64_t hash = 0xcbf29ce484222325u; /* FNV-1a */
     for (int64_t tick = 0; tick <= number[TICKS]; tick++) {

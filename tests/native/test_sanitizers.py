@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from support.vectors import WORN
 
-from spidar_gym.envs.registry import COURSE, CRAWL, HOVER
+from spidar_gym.envs.registry import COURSE, CRAWL, GRASP, HOVER
 from spidar_gym.envs.vector import NativeVectorEnv
 from spidar_gym.native import recipe
 from spidar_gym.native.compiler import compiler
-from spidar_gym.native.mujoco import BOXED, DATA, FLAT, MODEL, OWN, STATE, library, member_offsets, offsets
+from spidar_gym.native.mujoco import BOXED, DATA, FLAT, FREE, MODEL, OWN, STATE, library, member_offsets, offsets
 from spidar_gym.native.robot import robot
 
 DRIVER = Path(__file__).with_name("driver.c")
@@ -31,8 +31,9 @@ CASES = {
     "course by targets": (COURSE, {"sensors": True, "randomization": 1.0, "battery": True}),
     "course by the rule": (COURSE, {"action_mode": "residual", "hold": 20, "count": (1, 1), "gates": ("beam",)}),
     "course alone": (COURSE, {"action_mode": "direct", "floors": ("tiles",), "disturbances": {"wind": 2.0}}),
+    "grasp": (GRASP, {"shapes": ("box", "ball", "cylinder"), "randomization": 1.0, "disturbances": {"wind": 2.0}}),
 }  # fmt: skip
-KINDS = (HOVER, CRAWL, COURSE)
+KINDS = (HOVER, CRAWL, COURSE, GRASP)
 """Environments in the order of the driver's functions."""
 JOBS = ("reset", "step", "show", "hold")
 """Jobs in the driver's order."""
@@ -100,7 +101,7 @@ def members():
         (OF_DATA, 0, at["time"]), *((OF_DATA, 1, data[name]) for name in DATA), (OF_DATA, 0, at["ncon"]),
         (OF_DATA, 0, at["contact"]), (OF_DATA, 0, at["warning"]), *((OF_MODEL, 1, model[name]) for name in MODEL),
         (OF_MODEL, 0, at["disableflags"]), (ITSELF, 0, at["stride"]), (ITSELF, 0, at["geom"]),
-        (ITSELF, 0, at["warning_bytes"]),
+        (ITSELF, 0, at["frame"]), (ITSELF, 0, at["warning_bytes"]),
     ]  # fmt: skip
     return np.array(table, np.int64)
 
@@ -146,7 +147,7 @@ def write(case, folder):
     for k in range(ROBOTS):
         fleet.seed(k, np.random.default_rng(k))
     model, rows = member_offsets("mjModel"), engine._pieces[0].tolist()
-    names = next(names for names in (BOXED, OWN, FLAT) if len(names) == len(rows))
+    names = next(names for names in (FREE, BOXED, OWN, FLAT) if len(names) == len(rows))
     rows = zip(names, rows, strict=True)
     pieces = np.array([(model[piece], *row[1:]) for piece, row in rows], np.int64)
     actions = np.random.default_rng(9).normal(0.0, 0.4, (TICKS, *fleet.actions.shape))

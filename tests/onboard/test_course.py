@@ -229,7 +229,10 @@ TOLD = {
     "land": ("fly", "take_off first: the robot is on the floor there"),
     "now\nfly_to 1 0 0.1 0.5": ("fly", "a fly_to higher above the floor"),
     "land 0 0.3": ("fly", "land on a slope within 0 … 0.209 rad"),
-    "now\nnow": ("fly", "now as the first line, then crawl_to, take_off, fly_to, land"),
+    "now\nnow": (
+        "fly",
+        "now as the first line, then crawl_to, take_off, fly_to, land, grasp, carry_to, place, release",
+    ),
     "form 0": ("fly", "now as the first line"),
     "land\nnow": ("fly", "now as the first line"),
     "now\nland\ncrawl_to 90 0 0": ("fly", "a crawl_to within reach"),
@@ -468,8 +471,8 @@ WALL = "gate wall 2.3 2.5 0.5\n"
 BAD = {
     "course tuned": "line 1; valid: course, one of paper, as_flown, as_flown_quasi, tuned",
     "course robust tuned": "course, one of paper, as_flown, as_flown_quasi, tuned",
-    "flight tuned\ntake_off 1": "crawl_to, take_off, fly_to, land for a course",
-    "crawl robust\nland": "line 2; valid: crawl_to, take_off, fly_to, land for a course",
+    "flight tuned\ntake_off 1": "crawl_to, take_off, fly_to, land, grasp, carry_to, place, release for a course",
+    "crawl robust\nland": "line 2; valid: crawl_to, take_off, fly_to, land, grasp, carry_to, place",
     FRONT + "move 0.1 0 0 0": "move for a crawl",
     FRONT + "end 3": "form, end for a flight or a bench test; unrestricted for a flight",
     FRONT + "take_off": "line 2; valid: take_off HEIGHT, by which it rises, within 0.1 … 10 m",

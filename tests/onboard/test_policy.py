@@ -146,7 +146,7 @@ class Learned:
         if isinstance(self.controller, CoreFlightController):
             self.library.sp_flight_step(
                 self.controller._flight.pointer, self["robot_state"], self["reference"], given, self["control_state"],
-                self.controller.room.pointer, self["command"],
+                None, self.controller.room.pointer, self["command"],
             )  # fmt: skip
         else:
             self.library.sp_crawl_step(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.states import demand_of, random_demands, random_wrench
 
-from spidar_gym.benchmark import COURSE, CRAWL, HOVER, TRACKS, load_scenarios
+from spidar_gym.benchmark import COURSE, CRAWL, GRASP, HOVER, TRACKS, load_scenarios
 from spidar_gym.benchmark.scenario import make_env, reset_options
 from spidar_gym.benchmark.scoring import play_scenario
 from spidar_gym.cli.evaluate import BASELINES
@@ -70,17 +70,17 @@ def across(demand):
 def test_a_baseline_is_defined_on_the_environments_that_its_doc_states(spec):
     policy = load_policy(spec)
     doc = policy_doc(policy)
-    (only,) = re.findall(r"(flights|crawls|courses) only", doc) or [""]
+    (only,) = re.findall(r"(flights|crawls|courses|grasps) only", doc) or [""]
     # Policies that hover with feedback also fly along a path.
     flights = [HOVER] if policy_name(policy) == "hold" else [HOVER, PATH]
-    where = {"": [*flights, CRAWL], "flights": flights, "crawls": [CRAWL], "courses": [COURSE]}[only]
+    where = {"": [*flights, CRAWL], "flights": flights, "crawls": [CRAWL], "courses": [COURSE], "grasps": [GRASP]}[only]
     assert defined_on(policy) == where
     assert PATH not in where or policy_arguments(policy, PATH) == policy_arguments(policy, HOVER)
     assert doc.endswith(".")
-    assert policy_kind(policy) == "classical"
+    assert policy_kind(policy) == ("ceiling" if doc.startswith("A ceiling") else "classical")
     assert len(policy_digest(policy)) == 64
     flights, crawls = {*PRESETS, *FORMER_PRESETS}, {*CRAWL_PRESETS, *FORMER_CRAWL_PRESETS}
-    presets = {HOVER: flights, PATH: flights, CRAWL: crawls, COURSE: flights}
+    presets = {HOVER: flights, PATH: flights, CRAWL: crawls, COURSE: flights, GRASP: flights}
     for env_id in where:
         arguments = policy_arguments(policy, env_id)
         assert arguments.get("preset", "published" if env_id == CRAWL else "paper") in presets[env_id]

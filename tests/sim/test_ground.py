@@ -396,7 +396,7 @@ def test_tiles_where_there_were_none_and_none_where_there_were_are_refused_and_n
     for one, other in ((begin, rough), (rough, begin)):
         plant = Plant(PlantConfig(ground=one, actuators=ActuatorConfig()))
         reference, config = flight(plant, 20), plant.config
-        with pytest.raises(InvalidValueError, match="kind of floor"):
+        with pytest.raises(InvalidValueError, match="kind of world"):
             plant.configure(replace(config, ground=other))
         assert plant.config is config
         np.testing.assert_array_equal(flight(plant, 20), reference)

@@ -15,7 +15,7 @@ from spidar_gym.control.crawl.controller import Crawler
 from spidar_gym.control.crawl.gait import Gait
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.envs.hover_env import HoverEnv
-from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
+from spidar_gym.envs.registry import COURSE, CRAWL, GRASP, HOVER, PATH
 from spidar_gym.state import Command
 
 ROUGH: dict[str, Any] = {"sensors": True, "randomization": 1.0, "battery": True}
@@ -29,6 +29,7 @@ HARDEST: dict[str, dict[str, Any]] = {
     CRAWL: {"preset": "robust", "steps": 0.01, "slope": 0.1, "action_mode": "residual_gait_force",
             "disturbances": WEATHER},
     COURSE: {"hold": 1, "disturbances": WEATHER},
+    GRASP: {"disturbances": WEATHER, "shapes": ("box", "ball")},
 }  # fmt: skip
 """By id; `hardest` adds `ROUGH`."""
 CONTROLS = ("core", "python")

@@ -19,7 +19,9 @@ import numpy as np
 
 import spidar_gym  # noqa: F401 - registers the environments
 from spidar_gym.border import pack, unpack
-from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH
+from spidar_gym.control.crawl.pose2 import Pose2
+from spidar_gym.control.grasp.scene import GraspScene
+from spidar_gym.envs.registry import COURSE, CRAWL, GRASP, HOVER, PATH
 from spidar_gym.envs.serialization import fleets
 from spidar_gym.envs.serialization.environments import TITLE
 from spidar_gym.errors import SpidarError
@@ -31,8 +33,11 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "path": (PATH, {"preset": "tuned"}),
     "crawl": (CRAWL, {"randomization": 1.0, "steps": 0.01, "sensors": True}),
     "course": (COURSE, {"hold": 1, "disturbances": {"push": 20.0}}),
+    "grasp": (GRASP, {"hold": 1, "joint_speed": 0.6, "scene": GraspScene(start=Pose2(0.3), goal=Pose2(1.5))}),
 }
 """Environments by name, with arguments."""
+BEFORE = {"grasp": 480}
+"""Ticks before the state is saved, elsewhere 8; the feet press then."""
 WAYS = ("vector", "core", "python")
 """`restore` of a vector, and `restore_state` of an environment with either controller."""
 KINDS = ("integers", "floats", "words")
@@ -138,7 +143,7 @@ class Subject:
             self.env = gymnasium.make(name, control=way, **options).unwrapped
         self.action = np.zeros(self.env.action_space.shape)
         self.env.reset(seed=1)
-        for _ in range(8):
+        for _ in range(BEFORE.get(case, 8)):
             self.env.step(self.action)
         for _ in range(2):  # the second save may store a shared object in another place
             self.good = self.save()

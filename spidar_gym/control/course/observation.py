@@ -9,7 +9,7 @@ from spidar_gym.arrays import JointVector, RotorVector, Vectoring
 from spidar_gym.control.course.gates import KINDS, Course
 from spidar_gym.control.course.target import Target
 from spidar_gym.control.flight.observation import Field
-from spidar_gym.control.locomotion.orders import PHASES
+from spidar_gym.control.locomotion.orders import COURSE_PHASES
 from spidar_gym.robot import N_JOINTS, N_ROTORS, ROBOT, RobotSpec
 from spidar_gym.so3 import quat_to_matrix
 from spidar_gym.state import RobotState
@@ -47,7 +47,7 @@ def course_layout(action_size: int, robot: RobotSpec = ROBOT) -> tuple[Field, ..
         Field("thrust_command", N_ROTORS, robot.max_thrust, "N", "λ₁ … λ₈ of the last command", scale=10.0),
         Field("vectoring_command_sine", 2 * N_ROTORS, 1.0, "", "sine of the last commanded φ, θ"),
         Field("vectoring_command_cosine", 2 * N_ROTORS, 1.0, "", "cosine of the last commanded φ, θ"),
-        Field("phase", len(PHASES), 1.0, "", f"of the manager: 1 of {', '.join(PHASES)}"),
+        Field("phase", len(COURSE_PHASES), 1.0, "", f"of the manager: 1 of {', '.join(COURSE_PHASES)}"),
         Field("target", 5, FAR, "1, m", "whether there is one, whether it flies, target − torso, x, y, z", scale=3.0),
         Field("charge", 1, 1.0, "", "of the battery, 1 is full"),
         Field("time_left", 1, 1.0, "", "share of the episode"),
@@ -100,7 +100,7 @@ def observe_course(seen: CourseObservables, *, bound: np.ndarray, robot: RobotSp
         state.velocity_w, state.omega_b, state.joint_position, state.joint_velocity, seen.joint_command,
         np.sin(state.vectoring).reshape(-1), np.cos(state.vectoring).reshape(-1), seen.thrust_command,
         np.sin(seen.vectoring_command).reshape(-1), np.cos(seen.vectoring_command).reshape(-1),
-        [float(seen.phase == phase) for phase in PHASES], whither, (seen.charge, seen.time_left),
+        [float(seen.phase == phase) for phase in COURSE_PHASES], whither, (seen.charge, seen.time_left),
         gates.reshape(-1), seen.previous_action,
     ))  # fmt: skip
     return np.minimum(np.maximum(values, -bound), bound).astype(np.float32)

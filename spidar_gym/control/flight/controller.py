@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from spidar_gym.arrays import JointVector, Matrix3, Vectoring, Wrench
-from spidar_gym.control.allocation.allocator import Allocator, AllocatorConfig
+from spidar_gym.control.allocation.allocator import Allocation, Allocator, AllocatorConfig
 from spidar_gym.control.allocation.modes import find_allocation
 from spidar_gym.control.allocation.problem import Demand
 from spidar_gym.control.flight.centroidal import (
@@ -35,11 +35,12 @@ from spidar_gym.control.flight.compensation import (
 from spidar_gym.control.flight.memory import ControlState, FlightMemory, FlightRecord, fresh_memory
 from spidar_gym.control.flight.motion import MOTIONS, MotionMemory, fresh_motion, observe_motion, unbend, whole_motion
 from spidar_gym.control.flight.observation import FlightObservables, observe
+from spidar_gym.control.grasp.grip import LEAD_TIME, Grip, grip_torque
 from spidar_gym.control.readable import ReadableController
 from spidar_gym.control.rotors import ALL_FREE, flight_demand
 from spidar_gym.errors import InvalidValueError, require_name
 from spidar_gym.model.dynamics import Model, Snapshot
-from spidar_gym.model.interference import Interference, InterferenceConfig, find_interference, no_interference
+from spidar_gym.model.interference import Disc, Interference, InterferenceConfig, find_interference, no_interference
 from spidar_gym.model.rotor import (
     Lock,
     LockConfig,
@@ -198,6 +199,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         reference: Reference,
         residual: Residual = NO_RESIDUAL,
         control_state: ControlState | None = None,
+        grip: Grip | None = None,
     ) -> Command:
         """Compute the command of one control tick.
 
@@ -206,6 +208,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
             reference: Desired motion.
             residual: Additions of a policy; `NO_RESIDUAL` is the paper's controller.
             control_state: `compute_state(state, reference)`, if the caller has already computed it.
+            grip: An object below, and what the legs do with it.
 
         Returns:
             The command for the next control period; `self.last_step` records how it was computed. If the state or the
@@ -219,10 +222,21 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         control_state = control_state or self.compute_state(state, reference)
         seen, control_state, motion = self._fed_back(state, reference, control_state)
         R_wb, snapshot = control_state.R_wb, control_state.snapshot
-        joints, speed = self.compute_joints(reference.joint_target + residual.joint_offset, residual.joint_speed_scale)
+        target = reference.joint_target + residual.joint_offset
+        joints, speed = self.compute_joints(target, residual.joint_speed_scale)
         wrench, integrals, compensation = self.compute_wrench(seen, reference, control_state, joints)
         wrench += residual.wrench
-        demand, lock, bounds = self._demand(memory, snapshot, reference, state.vectoring, wrench)
+        if grip is not None:
+            wrench += grip.carried(snapshot, R_wb, state.position_w)
+        disc = None if grip is None or grip.radius == 0.0 else grip.disc(snapshot, R_wb, state.position_w)
+        demand, lock, bounds = self._demand(memory, snapshot, reference, state.vectoring, wrench, disc)
+        if grip is not None:
+            feet = self.model.stance(seen.joint_position, R_wb, seen.vectoring)[1]
+            forces_b = grip.foot_forces(feet, R_wb, state.position_w)
+            if residual.leg_forces_b is not None and grip.force > 0.0:
+                forces_b = forces_b + residual.leg_forces_b
+            torque = grip_torque(forces_b, feet.J)
+            demand = replace(demand, gravity_torque=demand.gravity_torque + torque)
         allocation = self.allocator.allocate(demand, reference.mode, memory.forces_l)
         if residual.forces_l is not None and residual.forces_l.any():
             allocation = self.allocator.project(demand, allocation.forces_l + residual.forces_l, memory.forces_l)
@@ -239,9 +253,28 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         unallocated = allocation.unallocated_wrench
         self.memory = FlightMemory(
             lock, bounds, vectoring, allocation.forces_l, integrals, joints, R_wb @ unallocated[:3], unallocated[3:],
-            speed, compensation, motion,
+            speed, compensation, motion, self._lead(grip, allocation),
         )  # fmt: skip
-        return Command(allocation.thrust, vectoring, joints, self._torque_limit)
+        return self._led(Command(allocation.thrust, vectoring, joints, self._torque_limit))
+
+    def _led(self, command: Command) -> Command:
+        """Return a command whose joint setpoints lead."""
+        lead = self.memory.joint_lead
+        return replace(command, joint_position=command.joint_position + lead) if lead.any() else command
+
+    def _lead(self, grip: Grip | None, allocation: Allocation) -> JointVector:
+        """Return by how much the joint setpoints lead q^d: the springs of the servos exert their share of a grip [rad].
+
+        The legs' momentum follows from q^d alone: feet that press do not move.
+        """
+        before, robot = self.memory.joint_lead, self.model.robot
+        if grip is None and not before.any():
+            return before
+        presses = grip is not None and grip.force > 0.0
+        wanted = allocation.joint_torques / robot.joint_kp if presses else np.zeros(N_JOINTS)
+        most = self.config.joint_speed * self.dt
+        step = (1.0 - math.exp(-self.dt / LEAD_TIME)) * (wanted - before)
+        return before + np.minimum(np.maximum(step, -most), most)
 
     def _fed_back(
         self, state: RobotState, reference: Reference, control_state: ControlState
@@ -356,7 +389,7 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         return memory, more
 
     def _hold(self) -> Command:
-        command = super()._hold()
+        command = self._led(super()._hold())
         if self.last_step is not None:
             self.last_step = replace(self.last_step, joint_velocity=np.zeros(N_JOINTS))
         return command
@@ -371,13 +404,20 @@ class FlightController(ReadableController[FlightMemory, FlightRecord]):
         return self._demand(memory, snapshot, reference or level, vectoring, wrench)[0]
 
     def _demand(
-        self, memory: FlightMemory, snapshot: Snapshot, reference: Reference, vectoring: Vectoring, wrench: Wrench
+        self,
+        memory: FlightMemory,
+        snapshot: Snapshot,
+        reference: Reference,
+        vectoring: Vectoring,
+        wrench: Wrench,
+        disc: Disc | None = None,
     ) -> tuple[Demand, Lock, Interference]:
         """Build the allocation's demand in the mode and with the lost modules of the `reference`."""
         return flight_demand(
             memory, self.allocator.mode(reference.mode), snapshot, vectoring, wrench,
             lost_thrust=reference.lost_thrust, lost_vectoring=reference.lost_vectoring,
             interference_config=self.config.interference, lock_config=self.config.lock, thrust_limit=self.thrust_limit,
+            disc=disc,
         )  # fmt: skip
 
     def compute_joints(self, target: JointVector, speed_scale: float) -> tuple[JointVector, JointVector]:

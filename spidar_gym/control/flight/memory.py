@@ -1,6 +1,6 @@
 """Data of the flight controller: model quantities and errors of a state, memory between ticks, record of a step."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -45,6 +45,8 @@ class FlightMemory(RotorMemory):
     """State of the compensations."""
     motion: MotionMemory
     """State of the observer of the whole robot's motion."""
+    joint_lead: JointVector = field(default_factory=lambda: np.zeros(N_JOINTS))
+    """By how much the last joint setpoints led q^d, for springs of the servos that press on an object [rad]."""
 
 
 def fresh_memory(vectoring: Vectoring, forces_l: RotorForces, joint_position: JointVector) -> FlightMemory:

@@ -1,13 +1,13 @@
-"""Commands of the manager of both gaits, and checks of their validity."""
+"""Commands of the manager of gaits and grasp, and checks of their validity."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from spidar_gym.arrays import JointVector
+from spidar_gym.arrays import JointVector, Vector3
 from spidar_gym.control.crawl.pose2 import Pose2
-from spidar_gym.errors import InvalidValueError, require_within
+from spidar_gym.errors import InvalidValueError, require_name, require_within
 from spidar_gym.robot import N_JOINTS, ROBOT
 
 FIELD = 100.0
@@ -17,7 +17,9 @@ SPEEDS = 0.05, 1.5
 STEEPEST = math.radians(12.0)
 """Steepest floor for a landing [rad]; on the track's slope of 10° all requirements are met."""
 HEIGHTS = 0.1, 10.0
-"""Smallest and largest height of a take-off [m]."""
+"""Smallest and largest height of a take-off, and of a lift [m]."""
+SIZES, FORCES, MOST_MASS, MOST_FRICTION = (0.05, 2.0), (1.0, 1000.0), 20.0, 10.0
+"""Ranges of half sizes of an object [m] and of the force that it bears [N], and its largest mass [kg]."""
 
 
 @dataclass(frozen=True)
@@ -92,32 +94,126 @@ class Land:
             raise InvalidValueError("slope", self.slope, f"a floor within 0 … {STEEPEST:.3f} rad, where a robot stays")
 
 
-LocomotionCommand = CrawlTo | TakeOff | FlyTo | Land
+@dataclass(frozen=True)
+class Grasp:
+    """Close the legs around an object below, test the grip and lift it."""
+
+    shape: str = "box"
+    """`box`, `cylinder` or `ball`."""
+    half_size: Vector3 = field(default_factory=lambda: np.array([0.3, 0.3, 0.25]))
+    """Half of length, width, height; of cylinder and ball the first is the radius, of a cylinder the last one half the
+    height [m]."""
+    most_force: float = 33.0
+    """Largest force of a foot that the object bears [N]; legs and thrust make at most 33 N."""
+    mass: float = 0.5
+    """Mass that is assumed until the test lift has measured it [kg]."""
+    height: float = 0.7
+    """Height of the lift [m]."""
+    force: float = 0.0
+    """Force of each foot [N]; 0 where the test lift is to find it."""
+    friction: float = 0.0
+    """Friction between feet and object where it is known, for the force then found; 0 where it is not."""
+
+    def __post_init__(self) -> None:
+        """Raise `InvalidValueError` for numbers out of range."""
+        require_name("shape", self.shape, OBJECTS)
+        if np.shape(self.half_size) != (3,) or not all(
+            SIZES[0] <= each <= SIZES[1] for each in np.asarray(self.half_size)
+        ):
+            raise InvalidValueError("half_size", np.asarray(self.half_size).tolist(), "three lengths within 0.05 … 2 m")
+        require_within(*FORCES, "N", most_force=self.most_force)
+        require_within(0.0, MOST_MASS, "kg", mass=self.mass)
+        require_within(*HEIGHTS, "m", height=self.height)
+        require_within(0.0, FORCES[1], "N", force=self.force)
+        require_within(0.0, MOST_FRICTION, "1", friction=self.friction)
+
+    @property
+    def radius(self) -> float:
+        """Half of its width [m]."""
+        return float(self.half_size[0])
+
+    @property
+    def top(self) -> float:
+        """Height of its top over its origin [m]."""
+        return float(self.half_size[0] if self.shape == "ball" else self.half_size[2])
 
 
-KINDS = ("crawl_to", "take_off", "fly_to", "land")
+@dataclass(frozen=True)
+class CarryTo:
+    """Carry the held object straight to a place in the air."""
+
+    position_w: tuple[float, float, float]
+    """Goal of the object's origin [m]."""
+    yaw: float | None = None
+    """Heading of the object there [rad]; None keeps it."""
+    speed: float = 0.5
+    """Largest speed [m/s]."""
+
+    def __post_init__(self) -> None:
+        """Raise `InvalidValueError` for a goal or a speed out of range."""
+        x, y, z = self.position_w
+        require_within(-FIELD, FIELD, "m", x=x, y=y, z=z)
+        require_within(*SPEEDS, "m/s", speed=self.speed)
+        if self.yaw is not None:
+            require_within(-1e3, 1e3, "rad", yaw=self.yaw)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Lower the held object until it stands."""
+
+    floor: float = 0.0
+    """Expected height of the surface below it [m]."""
+
+    def __post_init__(self) -> None:
+        """Raise `InvalidValueError` for a height out of range."""
+        require_within(-FIELD, FIELD, "m", floor=self.floor)
+
+
+@dataclass(frozen=True)
+class Release:
+    """Let go of the object, open the legs and leave upwards; an object that hangs falls."""
+
+
+LocomotionCommand = CrawlTo | TakeOff | FlyTo | Land | Grasp | CarryTo | Place | Release
+OBJECTS = ("box", "cylinder", "ball")
+"""Shapes of objects that can be grasped."""
+KINDS = ("crawl_to", "take_off", "fly_to", "land", "grasp", "carry_to", "place", "release")
 """Names of the commands, in the core's order."""
+SITUATIONS = ("floor", "air", "grip", "placed")
+"""Where the robot is: on the floor, in the air, holding an object, or holding one that stands."""
+_BEFORE: dict[type, tuple[str, ...]] = {
+    CrawlTo: ("floor",), TakeOff: ("floor",), FlyTo: ("air",), Land: ("air",), Grasp: ("air",), CarryTo: ("grip",),
+    Place: ("grip",), Release: ("grip", "placed"),
+}  # fmt: skip
+_AFTER = {CrawlTo: "floor", TakeOff: "air", FlyTo: "air", Land: "floor", Grasp: "grip", CarryTo: "grip",
+          Place: "placed", Release: "air"}  # fmt: skip
+_FIRST = {
+    "floor": "TakeOff first: the robot is on the floor there", "air": "Land first: the robot is in the air there",
+    "grip": "Release first: the legs hold an object there", "placed": "Release first: the legs hold an object there",
+}  # fmt: skip
 
 
-def airborne_after(command: LocomotionCommand) -> bool:
-    """Whether the robot is in the air after the command."""
-    return isinstance(command, TakeOff | FlyTo)
+def situation_after(command: LocomotionCommand) -> str:
+    """Return where the robot is after the command, one of `SITUATIONS`."""
+    return _AFTER[type(command)]
 
 
-def require_order(commands: tuple[LocomotionCommand, ...], airborne: bool) -> None:
+def require_order(commands: tuple[LocomotionCommand, ...], situation: str) -> None:
     """Raise `InvalidValueError` for the first command that cannot follow those before it.
 
     Args:
         commands: Commands in order.
-        airborne: Whether the robot is in the air before the first command.
+        situation: Where the robot is before the first command, one of `SITUATIONS`.
     """
     for command in commands:
-        flies = isinstance(command, FlyTo | Land)
-        if flies and not airborne:
-            raise InvalidValueError("command", type(command).__name__, "TakeOff first: the robot is on the floor there")
-        if not flies and airborne:
-            raise InvalidValueError("command", type(command).__name__, "Land first: the robot is in the air there")
-        airborne = airborne_after(command)
+        kind, before = type(command), _BEFORE[type(command)]
+        if situation not in before:
+            holds = kind in (CarryTo, Place, Release) and situation == "air"
+            raise InvalidValueError(
+                "command", kind.__name__, "Grasp first: the legs hold nothing there" if holds else _FIRST[situation]
+            )
+        situation = situation_after(command)
 
 
 def heading(yaw: float) -> np.ndarray:

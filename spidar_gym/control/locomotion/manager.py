@@ -1,4 +1,4 @@
-"""Manager of both gaits: commands → phases, each executed by the flight controller or the crawler, with hand-overs.
+"""Manager of gaits and grasp: commands → phases, each executed by flight controller or crawler, with hand-overs.
 
 The robot takes off in its lying attitude and lands in the start pose of a crawl. Both use the allocation of flight: the
 floor carries a share of the weight (`Reference.support`), which fades in a take-off and grows in a landing. There is no
@@ -19,11 +19,17 @@ from spidar_gym.control.crawl.pose2 import torso_pose2
 from spidar_gym.control.flight.controller import FlightController
 from spidar_gym.control.flight.memory import FlightRecord
 from spidar_gym.control.flight.path import EASE, TURN_RATE, Path, ease, from_motion, legs, wrap
+from spidar_gym.control.grasp.grip import Grip
+from spidar_gym.control.grasp.phases import LEAVING, Grasper, Seen
 from spidar_gym.control.locomotion.commands import (
+    CarryTo,
     CrawlTo,
     FlyTo,
+    Grasp,
     Land,
     LocomotionCommand,
+    Place,
+    Release,
     TakeOff,
     heading,
 )
@@ -37,6 +43,11 @@ LEVEL_FROM, LEVEL_TO = 0.05, 0.35
 """Heights above the lying position between which a robot from a slope becomes level [m]."""
 NEAR_FLOOR = 0.1
 """Height of the reference above the expected floor below which a descent expects a contact [m]."""
+ASIDE = 2.0
+"""Least distance from an object at which an ended mission lands: legs that lie, and the widest object's corner [m]."""
+ENDS_AFTER = 1.0
+"""Time for which an ended mission holds an object before it is put down [s]: the torso's error of height, which tells
+the floor, is a mean over half a second."""
 LEAST_WAY = 0.05
 """A shorter displacement does not define a heading [m]."""
 ARRIVED, PATIENCE = 0.05, 2.0
@@ -72,10 +83,14 @@ class ManagerMemory:
     """Number of aborted landings in a row."""
     rises: bool = False
     """Whether the robot takes off at the next tick from any phase on the floor."""
+    begun: bool = False
+    """Whether the present command of a grasp has begun."""
+    ends: bool = False
+    """Whether the mission was ended: an object that finds no floor is let go of."""
 
 
 class Manager(Orders):
-    """Executes commands to crawl, take off, fly and land; owns a crawler and a flight controller."""
+    """Executes commands to crawl, take off, fly, land and grasp; owns a crawler, a flight controller and a grasper."""
 
     def __init__(self, config: ManagerConfig | None = None, model: Model | None = None) -> None:
         """Build both controllers."""
@@ -83,8 +98,11 @@ class Manager(Orders):
         self.model = model or Model(self.config.crawl.gait.robot)
         self.flight = FlightController(self.config.flight, self.model)
         self.crawler = Crawler(self.config.crawl, self.model)
+        self.grasper = Grasper(self.config.grasp, self.model.robot, self.config.flight.joint_speed)
         self.dt = self.flight.dt
         self.memory = ManagerMemory()
+        self.grip = Grip(np.zeros(3), 0.0, 0.0)
+        """Grip of the last tick."""
         self.commands: list[LocomotionCommand] = []
         """Pending commands, the present one first."""
         self.path: Path | None = None
@@ -99,13 +117,63 @@ class Manager(Orders):
         self.memory = ManagerMemory(form=self.lying, begin_w=self._com(state))
         self.memory.floor = float(self.memory.begin_w[2])
         self.commands, self.path = [], None
+        self.grasper.reset()
         self.command(commands)
+
+    def begin_in_air(self, state: RobotState) -> None:
+        """Hover where the robot is; call it after a reset."""
+        R_wb, memory = quat_to_matrix(state.quat_wb), self.memory
+        memory.yaw, memory.form = math.atan2(R_wb[1, 0], R_wb[0, 0]), state.joint_position.copy()
+        memory.floor = self._lying_height
+        pose = np.append(self._com(state), memory.yaw)
+        self.path = Path(np.zeros(1), pose[None], np.zeros((1, 4)), np.zeros((1, 4)))
+        self._enter("hover")
+
+    def steer(self, target: Grasp, action: np.ndarray, state: RobotState, seconds: float) -> None:
+        """Let a policy lead torso, legs and grip, as `Grasper.steer`; in the air."""
+        pose = np.zeros(4)
+        if self.memory.phase != "grasp":
+            assert self.path is not None
+            pose = self.path.pose_w[-1].copy()
+            pose[:3] -= quat_to_matrix(heading(float(pose[3]))) @ self._com_b(state)
+            self._enter("grasp")
+        self.grasper.steer(target, action, pose, self.flight.memory.joint_position, seconds)
+
+    def end(self) -> None:
+        """End the mission: come to rest on the floor from any phase.
+
+        A crawl cycle is completed, a flight ends with a landing where the robot is. An object that hangs is put down,
+        before the end of its lift where it stood, else on the floor of the take-off; where there is none, it falls.
+        Then the robot flies to where it hovered before the grasp, at least `ASIDE` from the object, and lands there.
+        """
+        memory, grasper = self.memory, self.grasper
+        if self.commands and isinstance(self.commands[0], Land):
+            self.commands = self.commands[:1]
+            return
+        floor = memory.floor - self._lying_height
+        if memory.phase != "grasp":
+            self._replace((Land(floor),) if self.airborne else ())
+            return
+        assert self.path is not None
+        surface, situation = grasper.put_down(), self.situation
+        put = () if surface is None else (Place(floor if math.isinf(surface) else surface),)
+        where = self.grip.position_w if situation == "air" else grasper.memory.end.pose_w
+        x, y, z, yaw = self.path.pose_w[-1].tolist()
+        dx, dy = x - float(where[0]), y - float(where[1])
+        far = math.hypot(dx, dy)
+        if far < 1e-3:
+            dx, dy, far = -math.cos(yaw), -math.sin(yaw), 1.0
+        share = max(far, ASIDE) / far
+        aside = FlyTo((float(where[0]) + share * dx, float(where[1]) + share * dy, z))
+        self._replace((*put, *((Release(),) if situation != "air" else ()), aside, Land(floor)))
+        memory.ends = True
 
     def _append(self, commands: tuple[LocomotionCommand, ...]) -> None:
         self.commands += commands
 
     def _replace(self, commands: tuple[LocomotionCommand, ...]) -> None:
         phase, rises = self.memory.phase, bool(commands) and isinstance(commands[0], TakeOff)
+        self.memory.ends = False
         # A crawl cycle and a landing are completed, and a flight starts only when the legs are clear of the floor.
         is_low = phase == "climb" and self._moving()[0][2] < self.memory.floor + LEVEL_TO
         ends = phase in ("crawl", "unload") and not rises
@@ -120,7 +188,22 @@ class Manager(Orders):
         elif phase in ("fly", "form", "climb", "hover", "descend") and not ends:
             first = commands[0] if commands else None
             self._steer(first) if isinstance(first, FlyTo) and first.at_once else self._hover()
+        elif phase == "grasp":
+            self._regrasp()
         self.memory.rises = rises and phase in ("crawl", "unload")
+
+    @property
+    def grasp_phase(self) -> str:
+        """Phase of the grasp, one of `GRASP_PHASES`."""
+        return self.grasper.memory.phase
+
+    @property
+    def situation(self) -> str:
+        """Where the robot is before a command that interrupts, one of `SITUATIONS`."""
+        grasp = self.grasper.memory
+        if self.memory.phase == "grasp" and self.grasper.holds and grasp.phase not in LEAVING:
+            return "placed" if grasp.placed else "grip"
+        return "air" if self.airborne else "floor"
 
     @property
     def last(self) -> LocomotionCommand | None:
@@ -148,15 +231,18 @@ class Manager(Orders):
     @property
     def done(self) -> bool:
         """Whether all commands are executed."""
-        if self.commands or self.memory.phase not in ("lie", "hover", "cut"):
+        if self.commands or self.memory.phase not in ("lie", "hover", "cut", "grasp"):
             return False
+        if self.memory.phase == "grasp":
+            return self.grasper.waits
         return self.memory.phase != "hover" or self.path is None or self.memory.time >= self.path.seconds
 
     # ---- a tick ----
 
-    def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
-        """Compute the command of one control tick; if the state is not finite, repeat the last command."""
+    def step(self, state: RobotState, residual: Residual = NO_RESIDUAL, seen: Seen | None = None) -> Command:
+        """Compute the command of one control tick; as `Orders.step`."""
         memory = self.memory
+        self._seen = seen
         if valid_state(state):
             self._next(state)
             memory.time += self.dt
@@ -164,6 +250,9 @@ class Manager(Orders):
             command = self.crawler.step(state, residual)
         elif memory.phase == "cut":
             command = replace(self._last(), thrust=np.zeros(N_ROTORS))
+        elif memory.phase == "grasp":
+            reference, self.grip = self._grip(state)
+            command = self.flight.step(state, reference, residual, grip=self.grip)
         else:
             command = self._limited(self.flight.step(state, self.reference(state), residual))
         memory.thrust = float(command.thrust.sum())
@@ -209,7 +298,7 @@ class Manager(Orders):
         {
             "lie": self._lie, "crawl": self._crawl, "spool": self._spool, "climb": self._climb, "hover": self._wait,
             "form": self._take_form, "fly": self._fly, "descend": self._descend, "unload": self._unload,
-            "cut": lambda _: None,
+            "cut": lambda _: None, "grasp": self._grasp,
         }[memory.phase](state)  # fmt: skip
 
     def _lie(self, state: RobotState) -> None:
@@ -266,13 +355,15 @@ class Manager(Orders):
             self._hover()
 
     def _wait(self, state: RobotState) -> None:
-        del state
         assert self.path is not None
         if not self.commands or self.memory.time < self.path.seconds:
             return
         command = self.commands[0]
         if isinstance(command, FlyTo) and command.at_once:
             self._steer(command)
+            return
+        if isinstance(command, Grasp):
+            self._begin_grasp(command, state)
             return
         wanted = self.lying if isinstance(command, Land) else command.form if isinstance(command, FlyTo) else None
         if wanted is not None:
@@ -305,6 +396,84 @@ class Manager(Orders):
             memory.begin_w, memory.velocity = here[:3].copy(), 0.0
             memory.floor = command.floor + self._lying_height
             self._enter("descend")
+
+    # ---- grasps ----
+
+    def _begin_grasp(self, command: Grasp, state: RobotState) -> None:
+        """Begin to grasp as soon as the object is seen."""
+        if self._seen is None:
+            return
+        assert self.path is not None
+        pose = self.path.pose_w[-1].copy()
+        pose[:3] -= quat_to_matrix(heading(float(pose[3]))) @ self._com_b(state)
+        self.grasper.begin(command, self._seen, pose, self.flight.memory.joint_position)
+        self._enter("grasp")
+        self.memory.begun = True
+
+    def _grasp(self, state: RobotState) -> None:
+        """Begin the next command of a grasp when the one before it is executed."""
+        memory, grasper = self.memory, self.grasper
+        if memory.begun and grasper.waits:
+            memory.begun = False
+            command = self.commands.pop(0) if self.commands else None
+            failed = isinstance(command, Place) and not grasper.memory.placed and not memory.ends  # there was no floor
+            if failed or (grasper.memory.phase == "none" and not isinstance(command, Release)):
+                self.commands = []  # the object was lost, or is too heavy
+        if grasper.memory.phase == "none":
+            self._leave_grasp(state)
+        elif (
+            self.commands
+            and grasper.waits
+            and not memory.begun
+            and (not memory.ends or grasper.memory.time >= ENDS_AFTER)
+        ):
+            command, memory.begun = self.commands[0], True
+            if isinstance(command, CarryTo):
+                grasper.carry(np.array(command.position_w), command.yaw, command.speed)
+            elif isinstance(command, Place):
+                grasper.place(command.floor)
+            else:
+                assert isinstance(command, Release)
+                grasper.release()
+
+    def _regrasp(self) -> None:
+        """Stop the present command of a grasp; without an object held, leave it."""
+        memory, grasper = self.memory, self.grasper
+        if grasper.holds and grasper.memory.phase not in LEAVING:
+            grasper.stop()
+        else:
+            self.grasper.abandon()
+            self.commands = [Release(), *self.commands]  # the way out is completed
+            memory.begun = True
+            return
+        memory.begun = grasper.memory.phase != "hold"
+        if memory.begun:  # a grip that is not tested yet is completed
+            self.commands = [Grasp(), *self.commands]
+
+    def _leave_grasp(self, state: RobotState) -> None:
+        """Hover where the grasp ended."""
+        end = self.grasper.memory.end
+        pose = end.pose_w.copy()
+        pose[:3] += quat_to_matrix(heading(float(pose[3]))) @ self._com_b(state)
+        self.memory.yaw, self.memory.form = float(pose[3]), end.form
+        self.path = Path(np.zeros(1), pose[None], np.zeros((1, 4)), np.zeros((1, 4)))
+        self._enter("hover")
+
+    def _grip(self, state: RobotState) -> tuple[Reference, Grip]:
+        """Compute the reference and the grip of a tick."""
+        R_wb = quat_to_matrix(state.quat_wb)
+        yaw = math.atan2(R_wb[1, 0], R_wb[0, 0])
+        last = self.flight.last_step
+        lift = self.model.robot.weight if last is None else float(R_wb[2] @ last.wrench_desired[:3])
+        aim = self.grasper.step(state.position_w, yaw, state.joint_position, lift, self._seen, self.dt)
+        snapshot = self.model.snapshot(state.joint_position, R_wb, state.vectoring)
+        # The joints' motion moves the CoG, not the torso.
+        velocity = aim.velocity_w + R_wb @ (snapshot.momentum_map[:3] @ state.joint_velocity) / snapshot.mass
+        reference = Reference(
+            aim.position_w + R_wb @ snapshot.com_b, heading(aim.yaw), velocity, np.array([0.0, 0.0, aim.turning]),
+            aim.form,
+        )  # fmt: skip
+        return reference, aim.grip
 
     def _descend(self, state: RobotState) -> None:
         memory, config, dt = self.memory, self.config, self.dt
@@ -390,8 +559,11 @@ class Manager(Orders):
     # ---- helpers ----
 
     def _com(self, state: RobotState) -> Vector3:
-        R_wb = quat_to_matrix(state.quat_wb)
-        return state.position_w + R_wb @ self.model.snapshot(state.joint_position, R_wb, state.vectoring).com_b
+        return state.position_w + quat_to_matrix(state.quat_wb) @ self._com_b(state)
+
+    def _com_b(self, state: RobotState) -> Vector3:
+        """Return the CoG from the torso's origin, torso axes [m]."""
+        return self.model.snapshot(state.joint_position, quat_to_matrix(state.quat_wb), state.vectoring).com_b
 
     def _last(self) -> Command:
         """Return the last command."""

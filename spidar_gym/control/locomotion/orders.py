@@ -1,4 +1,4 @@
-"""Interface of the managers of both gaits: configuration, phases, and validation of commands."""
+"""Interface of the managers of gaits and grasp: configuration, phases, and validation of commands."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
@@ -13,30 +13,31 @@ from spidar_gym.control.crawl.footsteps import lying_pose
 from spidar_gym.control.crawl.memory import CrawlRecord
 from spidar_gym.control.flight.controller import ControllerConfig
 from spidar_gym.control.flight.memory import FlightRecord
-from spidar_gym.control.locomotion.commands import (
-    FlyTo,
-    LocomotionCommand,
-    airborne_after,
-    require_order,
-)
+from spidar_gym.control.grasp.claw import require_holdable
+from spidar_gym.control.grasp.phases import GraspConfig, Seen
+from spidar_gym.control.locomotion.commands import FlyTo, Grasp, LocomotionCommand, require_order, situation_after
 from spidar_gym.control.presets import controller_config, crawler_config
 from spidar_gym.errors import InvalidValueError, require_above
 from spidar_gym.model.dynamics import Model
 from spidar_gym.robot import N_ROTORS
 from spidar_gym.state import NO_RESIDUAL, Command, Residual, RobotState
 
-PHASES = ("lie", "crawl", "spool", "climb", "hover", "form", "fly", "descend", "unload", "cut")
-"""Phases of the manager."""
+PHASES = ("lie", "crawl", "spool", "climb", "hover", "form", "fly", "descend", "unload", "cut", "grasp")
+"""Phases of the manager; `grasp` has phases of its own."""
+COURSE_PHASES = PHASES[: PHASES.index("grasp")]
+"""Phases of a course."""
 
 
 @dataclass(frozen=True)
 class ManagerConfig:
-    """Configuration of the manager: controllers of both gaits, take-off and landing."""
+    """Configuration of the manager: controllers of both gaits, take-off and landing, grasps."""
 
     flight: ControllerConfig = field(default_factory=lambda: controller_config("tuned"))
     """Configuration of the flight controller."""
     crawl: CrawlerConfig = field(default_factory=lambda: crawler_config("robust_overlapped"))
     """Configuration of the crawler."""
+    grasp: GraspConfig = field(default_factory=GraspConfig)
+    """Heights, speeds and thresholds of a grasp."""
     spool_time: float = 1.5
     """Time in which the load shifts from the floor to the rotors [s]."""
     climb_speed: float = 0.4
@@ -96,6 +97,16 @@ class Orders(ABC):
 
     @property
     @abstractmethod
+    def grasp_phase(self) -> str:
+        """Phase of the grasp, one of `GRASP_PHASES`."""
+
+    @property
+    @abstractmethod
+    def situation(self) -> str:
+        """Where the robot is before a command that interrupts, one of `SITUATIONS`."""
+
+    @property
+    @abstractmethod
     def last(self) -> LocomotionCommand | None:
         """The last pending command, or None."""
 
@@ -123,8 +134,14 @@ class Orders(ABC):
         """Clear the memory and queue these commands; the robot lies on the floor with its rotors off."""
 
     @abstractmethod
-    def step(self, state: RobotState, residual: Residual = NO_RESIDUAL) -> Command:
-        """Compute the command of one control tick; if the state is not finite, repeat the last command."""
+    def step(self, state: RobotState, residual: Residual = NO_RESIDUAL, seen: Seen | None = None) -> Command:
+        """Compute the command of one control tick; if the state is not finite, repeat the last command.
+
+        Args:
+            state: State of the robot.
+            residual: Additions of a policy.
+            seen: Object to grasp, or None while motion capture does not see it.
+        """
 
     @abstractmethod
     def _append(self, commands: tuple[LocomotionCommand, ...]) -> None:
@@ -134,6 +151,10 @@ class Orders(ABC):
     def _replace(self, commands: tuple[LocomotionCommand, ...]) -> None:
         """Replace the pending commands by valid commands."""
 
+    @abstractmethod
+    def end(self) -> None:
+        """End the mission: come to rest on the floor from any phase, without an object."""
+
     @property
     def airborne(self) -> bool:
         """Whether the robot flies or is about to take off."""
@@ -142,7 +163,7 @@ class Orders(ABC):
     def command(self, commands: Iterable[LocomotionCommand]) -> None:
         """Append commands; if one is invalid, raise `InvalidValueError` and change nothing."""
         more = tuple(commands)
-        require_order(more, self.airborne if self.last is None else airborne_after(self.last))
+        require_order(more, self.situation if self.last is None else situation_after(self.last))
         for each in more:
             self._require_room(each)
         self._append(more)
@@ -156,13 +177,18 @@ class Orders(ABC):
             InvalidValueError: If a command is invalid in the present phase; nothing is changed then.
         """
         more = tuple(commands)
-        require_order(more, self.airborne)
+        require_order(more, self.situation)
         for each in more:
             self._require_room(each)
         self._replace(more)
 
     def _require_room(self, command: LocomotionCommand) -> None:
-        """Raise `InvalidValueError` for a flight too low above the take-off floor or too wide for its room."""
+        """Raise `InvalidValueError` for what does not fit.
+
+        A flight may be too low above the take-off floor or too wide for its room, an object too wide for the legs.
+        """
+        if isinstance(command, Grasp):
+            require_holdable(command.shape, command.half_size, self.model.robot)
         if not isinstance(command, FlyTo):
             return
         form, robot = self.lying if command.form is None else command.form, self.model.robot

@@ -32,11 +32,16 @@ from spidar_gym.control.estimator import Estimator, EstimatorConfig, EstimatorMe
 from spidar_gym.control.flight.controller import ControllerConfig, FlightController
 from spidar_gym.control.flight.memory import ControlState, FlightMemory, FlightRecord
 from spidar_gym.control.flight.path import Path
+from spidar_gym.control.grasp.claw import Contact
+from spidar_gym.control.grasp.grip import Grip
+from spidar_gym.control.grasp.phases import GRASP_PHASES, Grasper, GraspMemory, Seen
+from spidar_gym.control.grasp.rule import RuleMemory
+from spidar_gym.control.grasp.scene import GraspScene
 from spidar_gym.control.locomotion import orders
-from spidar_gym.control.locomotion.commands import LocomotionCommand
+from spidar_gym.control.locomotion.commands import Grasp, LocomotionCommand
 from spidar_gym.control.locomotion.manager import Manager, ManagerMemory
 from spidar_gym.control.locomotion.orders import ManagerConfig
-from spidar_gym.envs.commander import CourseCommander, CrawlCommander, FlightCommander
+from spidar_gym.envs.commander import CourseCommander, CrawlCommander, FlightCommander, GraspCommander
 from spidar_gym.robot import N_LEGS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.state import Command, Reference, RobotState
@@ -58,8 +63,9 @@ KEPT: dict[type, dict[str, Any]] = {
     },
     Manager: {
         "config": ManagerConfig, "dt": float, "memory": ManagerMemory, "commands": list[LocomotionCommand],
-        "path": Path | None, "lying": JointVector,
+        "path": Path | None, "lying": JointVector, "grip": Grip, "_seen": Seen | None, "_lying_height": float,
     },
+    Grasper: {"memory": GraspMemory, "target": Grasp | None, "plan": Contact | None},
     Pilot: {"last": Target | None},
     FlightCommander: _COMMANDER | {
         "control_state": ControlState | None, "truth": ControlState | None, "_joint_velocity": JointVector,
@@ -67,12 +73,13 @@ KEPT: dict[type, dict[str, Any]] = {
     },
     CrawlCommander: _COMMANDER,
     CourseCommander: _COMMANDER,
+    GraspCommander: _COMMANDER | {"rule": RuleMemory, "_scene": GraspScene},
 }  # fmt: skip
 """Types of the attributes of an environment's parts, by class."""
 KEPT_BY_ENVIRONMENTS: dict[str, Any] = {
     "ticks": int, "sampled_parameters": dict[str, np.ndarray], "_began": bool,
     "_np_random": np.random.Generator | None, "_np_random_seed": int | None, "_choices": dict[str, Any],
-    "_disturbances": Disturbances, "_start": FlightStart | None, "_given": Course | None,
+    "_disturbances": Disturbances, "_start": FlightStart | None, "_given": Course | GraspScene | None,
 }  # fmt: skip
 """Types of the attributes of environments besides their task."""
 
@@ -177,6 +184,8 @@ def _fault_of_ours(value: Any) -> str:  # noqa: ANN401 - a dataclass of this pac
         return "phase is not one of the current step's"
     if isinstance(value, ManagerMemory) and value.phase not in orders.PHASES:
         return "phase is not one of the manager's"
+    if isinstance(value, GraspMemory) and value.phase not in GRASP_PHASES:
+        return "phase is not one of a grasp's"
     return ""
 
 

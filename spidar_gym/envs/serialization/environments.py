@@ -17,6 +17,7 @@ from spidar_gym.control.allocation.allocator import Allocator
 from spidar_gym.control.course.pilot import Pilot
 from spidar_gym.control.crawl.gait import Gait
 from spidar_gym.control.estimator import Estimator
+from spidar_gym.control.grasp.phases import Grasper
 from spidar_gym.control.locomotion.manager import Manager
 from spidar_gym.control.readable import ReadableController
 from spidar_gym.envs.actions import ActionMode
@@ -34,20 +35,24 @@ from spidar_gym.sim.config import PlantConfig
 
 TITLE = "state.json"
 """Part of a saved state that describes its environment."""
-PARTS = (Commander, ReadableController, Manager, Gait, Allocator, Pilot, Estimator, Core, Plant)
+PARTS = (Commander, ReadableController, Manager, Grasper, Gait, Allocator, Pilot, Estimator, Core, Plant)
 """Classes of parts with state, which is restored in place."""
 IN_BYTES = (Core, Plant)
 """Classes of parts whose state is in the native library."""
 SETTLED = (
     "view", "robot", "layout", "sight", "render_mode", "action_space", "observation_space", "spec", "fleet", "plant",
     "hold", "most_steps", "_arguments", "_is_bare", "_nominal", "_randomization", "_described", "_control", "_mode",
-    "_bound", "_gain", "_ruled", "_config", "_allocator", "_law", "_is_waypoint", "_made", "turn", "is_closed",
-    "truncates", "metadata", "reward_terms", "failures", "_now",
+    "_bound", "_gain", "_ruled", "_config", "_allocator", "_law", "_is_waypoint", "_is_order", "_grip",
+    "_made", "turn", "is_closed", "truncates", "metadata", "reward_terms", "failures", "_now",
 )  # fmt: skip
 """Attributes of an environment that its constructor determines."""
 SETTLED_OF_PARTS = {
     ReadableController: ("preview",), Allocator: ("modes", "_workspaces"), Pilot: ("manager",),
-    Commander: ("_fleet", "_plant", "_mode", "_bound", "_gait", "_is_waypoint", "_decide", "_is_described"),
+    Grasper: ("config", "robot", "_joint_speed"),
+    Commander: (
+        "_fleet", "_plant", "_mode", "_bound", "_gait", "_is_waypoint", "_decide", "_is_described", "_is_order",
+        "_grip",
+    ),
 }  # fmt: skip
 """Attributes of parts that their constructors determine."""
 _ROOT = "env"

@@ -23,7 +23,7 @@ _WORDS = "environment", "robot", "task", "version", "set of options"
 """Entries of the head that are strings."""
 _CONTROLLERS = {
     "hover": ("flight", "controller", "controller_config"), "crawl": ("crawl", "controller", "crawler_config"),
-    "course": ("manager", "manager", "manager_config"),
+    "course": ("manager", "manager", "manager_config"), "grasp": ("manager", "manager", "manager_config"),
 }  # fmt: skip
 """Member of a robot with its controller, member of the rules with the configuration, and the latter's struct."""
 CHECKSUM = hashlib.sha256().digest_size
@@ -124,8 +124,13 @@ def _fault(fleet: Fleet, rows: list[np.ndarray], ids: list[int]) -> str:
         return f"episode.failure, expected −1 … {len(fleet.task.failures) - 1}"
     rules = fleet.rules[ids] if fleet.rules.ndim else fleet.rules
     owner, member, struct = _CONTROLLERS[fleet.kind]
+    plants = robots["plant"]["config"].copy()
+    if fleet.kind == "grasp":  # the object is the scene's, not the options'
+        if not (plants["object"]["shape"] == robots["scene"]["shape"] + 1).all():
+            return "config.object.shape differs from the scene"
+        plants["object"]["shape"] = rules["rules"]["plant"]["object"]["shape"]
     fault = differs(struct, robots[owner]["config"], rules[member]) or differs(
-        "plant_config", robots["plant"]["config"], rules["rules"]["plant"], ("i4",)
+        "plant_config", plants, rules["rules"]["plant"], ("i4",)
     )
     if fault:
         return f"config.{fault} differs from the options"

@@ -339,7 +339,7 @@ void sp_rest_vectoring(const sp_robot *robot, const sp_controller_config *config
     sp_snapshot_at(robot, q, level, guess, &s);
     sp_nominal_vectoring(&s, guess, nominal);
     sp_no_interference(&none);
-    sp_find_interference(&s, nominal, &none, &config->interference, &bounds);
+    sp_find_interference(&s, nominal, &none, &config->interference, NULL, &bounds);
     memset(&free, 0, sizeof free);
     for (int i = 0; i < SP_ROTORS; i++) free.phi[i] = nominal[2 * i];
     sp_update_lock(&free, bounds.restricted, nominal, &s, nominal, &at_once, &lock);
@@ -356,25 +356,48 @@ void sp_compute_state(const sp_robot *robot, const sp_robot_state *state, const 
 }
 
 /* Repeat the last command with status `held`. */
+static void command_of(const sp_flight *f, const double *thrust, sp_command *command)
+{
+    double joints[SP_JOINTS];
+    sp_copy(joints, f->memory.joint_position, SP_JOINTS);
+    for (int j = 0; j < SP_JOINTS; j++) /* not + 0.0, which would change −0.0 */
+        if (f->memory.joint_lead[j] != 0.0) joints[j] += f->memory.joint_lead[j];
+    sp_make_command(thrust, f->memory.vectoring, joints, f->config.joint_torque_limit, command);
+}
+
+/* Let the joint setpoints lead q^d, so that the springs of the servos exert their share of a grip. */
+static void lead_joints(const sp_robot *robot, sp_flight *f, const sp_grip *grip)
+{
+    double most = f->config.joint_speed * f->dt, share = 1.0 - exp(-f->dt / SP_GRIP_LEAD_TIME), *lead = f->memory.joint_lead;
+    int presses = grip != NULL && grip->force > 0.0;
+    for (int j = 0; j < SP_JOINTS; j++) {
+        double wanted = presses ? f->allocation.joint_torques[j] / robot->joint_kp : 0.0;
+        lead[j] += sp_clip(share * (wanted - lead[j]), -most, most);
+    }
+}
+
 static void hold_command(sp_flight *f, sp_command *command)
 {
     double thrust[SP_ROTORS];
     f->allocation.status = SP_HELD;
     sp_zero(f->joint_velocity, SP_JOINTS);
     for (int i = 0; i < SP_ROTORS; i++) thrust[i] = sp_norm(f->memory.forces_l + 3 * i);
-    sp_make_command(thrust, f->memory.vectoring, f->memory.joint_position, f->config.joint_torque_limit, command);
+    command_of(f, thrust, command);
 }
 
 /* Write the allocation's demand: wrench, maps, and the rotors that are locked, restricted or lost. */
-static void flight_demand(sp_flight *f, const sp_robot_state *state, const sp_reference *reference, sp_lock *lock,
-                          sp_interference *bounds)
+static void flight_demand(const sp_robot *robot, sp_flight *f, const sp_robot_state *state, const sp_reference *reference,
+                          const sp_grip *grip, const sp_residual *residual, sp_lock *lock, sp_interference *bounds)
 {
     const sp_snapshot *s = &f->control.snapshot;
     const sp_flight_memory *m = &f->memory;
     sp_demand *d = &f->demand;
     double nominal[2 * SP_ROTORS];
     sp_nominal_vectoring(s, m->vectoring, nominal);
-    sp_find_interference(s, nominal, &m->interference, &f->config.interference, bounds);
+    sp_disc disc;
+    int avoids = grip != NULL && grip->radius > 0.0;
+    if (avoids) sp_grip_disc(grip, s, f->control.R_wb, state->position_w, &disc);
+    sp_find_interference(s, nominal, &m->interference, &f->config.interference, avoids ? &disc : NULL, bounds);
     if (reference->mode != SP_REFERENCE_MODE_FLIGHT) memset(bounds->restricted, 0, sizeof bounds->restricted);
     sp_update_lock(&m->lock, bounds->restricted, nominal, s, m->vectoring, &f->config.lock, lock);
     for (int i = 0; i < SP_ROTORS; i++) {
@@ -401,14 +424,16 @@ static void flight_demand(sp_flight *f, const sp_robot_state *state, const sp_re
     sp_thrust_map(s, d->thrust_map, SP_FORCES);
     sp_torque_map(s, d->torque_map, SP_FORCES);
     sp_copy(d->gravity_torque, s->gravity_torque, SP_JOINTS);
+    if (grip != NULL) sp_grip_torque(robot, grip, s, f->control.R_wb, state->position_w, residual, d->gravity_torque);
     for (int leg = 0; leg < SP_LEGS; leg++) d->lifted[leg] = 1;
     sp_zero(d->com_b, 3);
     sp_identity(d->R_bf);
 }
 
-/* One control tick; `control` is NULL unless the caller has computed it already. */
+/* One control tick; `control` is NULL unless the caller has computed it already, `grip` without an object. */
 void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_reference *reference,
-                    const sp_residual *residual, const sp_control_state *control, sp_room *room, sp_command *command)
+                    const sp_residual *residual, const sp_control_state *control, const sp_grip *grip, sp_room *room,
+                    sp_command *command)
 {
     const sp_robot *robot = room->robot;
     sp_flight_memory *m = &f->memory;
@@ -435,7 +460,8 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     desired_wrench(robot, &f->control, seen.omega_b, m, &f->config.centroidal, f->wrench_desired);
     sp_compensate(robot, f, &seen, reference, joints, f->wrench_desired);
     for (int k = 0; k < 6; k++) f->wrench_desired[k] += residual->wrench[k];
-    flight_demand(f, state, reference, &lock, &bounds);
+    if (grip != NULL) sp_grip_carried(robot, grip, &f->control.snapshot, f->control.R_wb, state->position_w, f->wrench_desired);
+    flight_demand(robot, f, state, reference, grip, residual, &lock, &bounds);
     sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, &f->config.allocator, room, &f->allocation);
     if (residual->has_forces_l) {
         double wish[SP_FORCES], any = 0.0;
@@ -466,7 +492,8 @@ void sp_flight_step(sp_flight *f, const sp_robot_state *state, const sp_referenc
     sp_apply(f->control.R_wb, f->allocation.unallocated_wrench, m->unallocated_w);
     sp_copy(m->unallocated_torque, f->allocation.unallocated_wrench + 3, 3);
     f->ticked = 1;
-    sp_make_command(f->allocation.thrust, m->vectoring, joints, f->config.joint_torque_limit, command);
+    lead_joints(robot, f, grip);
+    command_of(f, f->allocation.thrust, command);
 }
 
 /* Allocate a wrench in {CoG} to the rotors, for a custom controller. Call it once per control period, after
@@ -489,7 +516,7 @@ void sp_flight_allocate(sp_flight *f, const sp_robot_state *state, const sp_refe
     sp_from_quat(state->quat_wb, f->control.R_wb);
     sp_snapshot_at(room->robot, state->joint_position, f->control.R_wb, state->vectoring, &f->control.snapshot);
     sp_copy(f->wrench_desired, wrench, 6);
-    flight_demand(f, state, reference, &lock, &bounds);
+    flight_demand(room->robot, f, state, reference, NULL, &SP_NO_RESIDUAL, &lock, &bounds);
     sp_allocate(&f->mode, &f->demand, m->forces_l, NULL, 0, &f->config.allocator, room, &f->allocation);
     sp_follow(f->allocation.forces_l, &lock, m->vectoring, room->robot->max_vectoring_speed * f->dt, m->vectoring);
     m->lock = lock;

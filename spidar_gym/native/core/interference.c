@@ -23,7 +23,7 @@ static void forbidden_interval(double x, double z, double radius, double target_
 }
 
 void sp_find_interference(const sp_snapshot *s, const double *nominal, const sp_interference *previous,
-                          const sp_interference_config *config, sp_interference *bounds)
+                          const sp_interference_config *config, const sp_disc *disc, sp_interference *bounds)
 {
     double tan_alpha = tan(config->alpha), tan_horizon = tan(config->horizon);
     sp_interference next;
@@ -33,12 +33,13 @@ void sp_find_interference(const sp_snapshot *s, const double *nominal, const sp_
         double subsets[SUBSETS][2] = {{-SP_HALF_PI, SP_HALF_PI}}, yx = 0.0, yy = 0.0;
         int count = 1, met = 0;
         const double *own = s->rotor_c[i];
-        for (int k = 0; k <= SP_ROTORS; k++) { /* the last target is the torso's disc */
+        for (int k = 0; k <= SP_ROTORS + (disc != NULL); k++) { /* the last targets are the torso's disc and a further one */
             double torso[3] = {-s->com_b[0], -s->com_b[1], -s->com_b[2]};
-            const double *target = k < SP_ROTORS ? s->rotor_c[k] : torso;
-            double radius = k < SP_ROTORS ? config->rotor_radius : config->torso_radius;
+            const double *target = k < SP_ROTORS ? s->rotor_c[k] : k == SP_ROTORS ? torso : disc->centre_c;
+            double radius = k < SP_ROTORS ? config->rotor_radius : k == SP_ROTORS ? config->torso_radius : disc->radius;
             double below = own[2] - target[2], dx = target[0] - own[0], dy = target[1] - own[1];
-            if (below <= 0.0) continue;
+            int wide = k > SP_ROTORS;
+            if (below <= 0.0 || (wide && !(below > SP_DISC_NEAREST && below < SP_DISC_FARTHEST))) continue;
             if (yx == 0.0 && yy == 0.0) {
                 /* y axis of the nominal thrust frame, R_bl Rx(φ̂) ŷ, horizontal. */
                 double c = cos(nominal[2 * i]), n = sin(nominal[2 * i]);
@@ -49,7 +50,10 @@ void sp_find_interference(const sp_snapshot *s, const double *nominal, const sp_
                 yy /= length;
             }
             /* [Zhao2025, Eq. 22]: too far off along φ, or too far to the side for the jet to reach it at hover. */
-            if (fabs(dx * yx + dy * yy) >= tan_alpha * below || fabs(dx * yy - dy * yx) >= tan_horizon * below) continue;
+            double along = fabs(dx * yx + dy * yy), across = fabs(dx * yy - dy * yx);
+            if (wide ? along >= radius + config->rotor_radius || across >= radius + tan_horizon * below
+                     : along >= tan_alpha * below || across >= tan_horizon * below)
+                continue;
             double low, high, kept[SUBSETS][2];
             int left = 0;
             met = 1;

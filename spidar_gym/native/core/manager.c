@@ -180,6 +180,145 @@ static void break_off(sp_manager *m)
     enter(m, m->count > 0 ? SP_MANAGER_FLY : SP_MANAGER_HOVER);
 }
 
+/* ---- grasps ---- */
+
+/* The CoG from the torso's origin of the snapshot at a state, turned to a heading. */
+static void com_at(const sp_robot *robot, sp_manager *m, const sp_robot_state *state, double yaw, double *offset)
+{
+    double R[9], quat[4];
+    sp_from_quat(state->quat_wb, R);
+    sp_snapshot_at(robot, state->joint_position, R, state->vectoring, &m->snapshot);
+    level(yaw, quat);
+    sp_from_quat(quat, R);
+    sp_apply(R, m->snapshot.com_b, offset);
+}
+
+/* Begin to grasp as soon as the object is seen. */
+static void begin_grasp(const sp_robot *robot, sp_manager *m, const sp_robot_state *state, const sp_seen *seen)
+{
+    double pose[4], offset[3];
+    if (seen == NULL) return;
+    sp_copy(pose, m->knots[m->knot_count - 1].pose_w, 4);
+    com_at(robot, m, state, pose[3], offset);
+    for (int i = 0; i < 3; i++) pose[i] -= offset[i];
+    sp_grasp_begin(robot, &m->grasper, &m->commands[0], seen, pose, m->flight.memory.joint_position);
+    enter(m, SP_MANAGER_GRASP);
+    m->memory.begun = 1;
+}
+
+/* Hover where the grasp ended. */
+static void leave_grasp(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
+{
+    const sp_setting *end = &m->grasper.memory.end;
+    double offset[3];
+    com_at(robot, m, state, end->pose_w[3], offset);
+    memset(m->knots, 0, sizeof m->knots[0]);
+    sp_copy(m->knots[0].pose_w, end->pose_w, 4);
+    for (int i = 0; i < 3; i++) m->knots[0].pose_w[i] += offset[i];
+    m->knot_count = 1;
+    m->memory.yaw = end->pose_w[3];
+    sp_copy(m->memory.form, end->form, SP_JOINTS);
+    enter(m, SP_MANAGER_HOVER);
+}
+
+/* Begin the next command of a grasp when the one before it is executed. */
+static void grasp(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
+{
+    sp_grasper *g = &m->grasper;
+    sp_manager_memory *memory = &m->memory;
+    if (memory->begun && sp_grasp_waits(g)) {
+        int32_t kind = m->count > 0 ? m->commands[0].kind : SP_LOCOMOTION_RELEASE;
+        int failed = kind == SP_LOCOMOTION_PLACE && !g->memory.placed && !memory->ends; /* there was no floor */
+        memory->begun = 0;
+        drop_command(m);
+        /* without a release: the object was lost, or is too heavy */
+        if (failed || (g->memory.phase == SP_GRASP_NONE && kind != SP_LOCOMOTION_RELEASE)) m->count = 0;
+    }
+    if (g->memory.phase == SP_GRASP_NONE) {
+        leave_grasp(robot, m, state);
+    } else if (m->count > 0 && sp_grasp_waits(g) && !memory->begun && !(memory->ends && g->memory.time < SP_MANAGER_ENDS_AFTER)) {
+        memory->begun = 1;
+        if (m->commands[0].kind == SP_LOCOMOTION_CARRY_TO) sp_grasp_carry(g, &m->commands[0]);
+        else if (m->commands[0].kind == SP_LOCOMOTION_PLACE) sp_grasp_place(g, m->commands[0].floor);
+        else sp_grasp_release(g);
+    }
+}
+
+void sp_manager_begin_in_air(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
+{
+    sp_knot *here = m->knots;
+    double R[9];
+    memset(here, 0, sizeof *here);
+    com_of(robot, m, state, here->pose_w);
+    sp_from_quat(state->quat_wb, R);
+    here->pose_w[3] = m->memory.yaw = atan2(R[3], R[0]);
+    m->knot_count = 1;
+    sp_copy(m->memory.form, state->joint_position, SP_JOINTS);
+    m->memory.floor = m->lying_height;
+    enter(m, SP_MANAGER_HOVER);
+}
+
+/* Let a policy lead the torso, the legs and the grip. */
+void sp_manager_steer(const sp_robot *robot, sp_manager *m, const sp_robot_state *state, const sp_waypoint *target,
+                      const double *action, double seconds)
+{
+    double pose[4] = {0.0}, offset[3];
+    if (m->memory.phase != SP_MANAGER_GRASP) {
+        sp_copy(pose, m->knots[m->knot_count - 1].pose_w, 4);
+        com_at(robot, m, state, pose[3], offset);
+        for (int i = 0; i < 3; i++) pose[i] -= offset[i];
+        enter(m, SP_MANAGER_GRASP);
+    }
+    sp_grasp_steer(robot, &m->grasper, target, action, pose, m->flight.memory.joint_position, seconds);
+}
+
+/* Put a command that is being executed before the others. */
+static void put_first(sp_manager *m, int32_t kind)
+{
+    memmove(m->commands + 1, m->commands, (size_t)m->count * sizeof m->commands[0]);
+    memset(&m->commands[0], 0, sizeof m->commands[0]);
+    m->commands[0].kind = kind;
+    m->count++;
+}
+
+/* Stop the present command of a grasp; without an object held, leave it. */
+static void regrasp(sp_manager *m)
+{
+    sp_grasper *g = &m->grasper;
+    if (sp_grasp_presses(g) && !sp_grasp_leaves(g)) {
+        sp_grasp_stop(g);
+        m->memory.begun = g->memory.phase != SP_GRASP_HOLD;
+        if (m->memory.begun) put_first(m, SP_LOCOMOTION_GRASP); /* a grip that is not tested yet is completed */
+    } else {
+        sp_grasp_abandon(g);
+        put_first(m, SP_LOCOMOTION_RELEASE); /* the way out is completed */
+        m->memory.begun = 1;
+    }
+}
+
+/* Write the flight controller's reference of a grasp, and the grip. */
+static void hold(sp_manager *m, const sp_robot *robot, const sp_robot_state *state, const sp_seen *seen)
+{
+    sp_reference *r = &m->reference;
+    sp_setting aim;
+    double R[9], rate[4], offset[3], flow[3], moved[3], lift = robot->weight;
+    sp_from_quat(state->quat_wb, R);
+    if (m->flight.ticked) lift = sp_dot(R + 6, m->flight.wrench_desired);
+    sp_grasp_step(robot, &m->grasper, state, atan2(R[3], R[0]), lift, seen, m->flight.dt, &aim, rate);
+    sp_snapshot_at(robot, state->joint_position, R, state->vectoring, &m->snapshot);
+    sp_apply(R, m->snapshot.com_b, offset);
+    for (int i = 0; i < 3; i++) flow[i] = sp_row(m->snapshot.momentum_map + SP_JOINTS * i, state->joint_velocity, SP_JOINTS);
+    sp_apply(R, flow, moved);
+    memset(r, 0, sizeof *r);
+    for (int i = 0; i < 3; i++) {
+        r->position_w[i] = aim.pose_w[i] + offset[i];
+        r->velocity_w[i] = rate[i] + moved[i] / m->snapshot.mass; /* the joints' motion moves the CoG, not the torso */
+    }
+    level(aim.pose_w[3], r->quat_wb);
+    r->omega_b[2] = rate[3];
+    sp_copy(r->joint_target, aim.form, SP_JOINTS);
+}
+
 static void lie(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
 {
     sp_command last;
@@ -275,7 +414,7 @@ static void unload(const sp_robot *robot, sp_manager *m, const sp_robot_state *s
 }
 
 /* Enter the next phase if the present one has ended. */
-static void go_on(const sp_robot *robot, sp_manager *m, const sp_robot_state *state)
+static void go_on(const sp_robot *robot, sp_manager *m, const sp_robot_state *state, const sp_seen *seen)
 {
     sp_manager_memory *memory = &m->memory;
     double R[9], top[3];
@@ -319,6 +458,10 @@ static void go_on(const sp_robot *robot, sp_manager *m, const sp_robot_state *st
             steer(m, &m->commands[0]);
             break;
         }
+        if (m->commands[0].kind == SP_LOCOMOTION_GRASP) {
+            begin_grasp(robot, m, state, seen);
+            break;
+        }
         if (m->commands[0].kind == SP_LOCOMOTION_LAND) sp_copy(memory->form, m->lying, SP_JOINTS);
         else if (m->commands[0].has_form) sp_copy(memory->form, m->commands[0].form, SP_JOINTS);
         stay(m);
@@ -327,6 +470,7 @@ static void go_on(const sp_robot *robot, sp_manager *m, const sp_robot_state *st
     case SP_MANAGER_FORM: take_form(m, state); break;
     case SP_MANAGER_DESCEND: descend(robot, m, state); break;
     case SP_MANAGER_UNLOAD: unload(robot, m, state, tilt_of(R)); break;
+    case SP_MANAGER_GRASP: grasp(robot, m, state); break;
     default: break;
     }
 }
@@ -403,6 +547,8 @@ void sp_manager_init(const sp_robot *robot, sp_manager *m, const sp_manager_conf
     sp_crawl_init(robot, &m->crawl, &config->crawl);
     sp_home(robot, &config->crawl.gait, home);
     sp_leg_angles(robot, home, m->lying);
+    m->grasper.config = config->grasp;
+    m->grasper.joint_speed = config->flight.joint_speed;
     sp_snapshot_at(robot, m->lying, level_R, still, &m->snapshot);
     m->lying_height = m->snapshot.com_b[2] + robot->peg_depth;
 }
@@ -417,6 +563,7 @@ void sp_manager_reset(const sp_robot *robot, sp_manager *m, const sp_robot_state
     sp_copy(m->memory.form, m->lying, SP_JOINTS);
     com_of(robot, m, state, m->memory.begin_w);
     m->memory.floor = m->memory.begin_w[2];
+    memset(&m->grasper.memory, 0, sizeof m->grasper.memory);
     m->count = m->knot_count = 0;
 }
 
@@ -425,26 +572,65 @@ int sp_manager_airborne(const sp_manager *m)
     return !on_ground(m) && m->memory.phase != SP_MANAGER_UNLOAD && m->memory.phase != SP_MANAGER_CUT;
 }
 
+int32_t sp_manager_situation(const sp_manager *m)
+{
+    const sp_grasper *g = &m->grasper;
+    if (m->memory.phase == SP_MANAGER_GRASP && sp_grasp_presses(g) && !sp_grasp_leaves(g))
+        return g->memory.placed ? SP_ON_PLACED : SP_ON_GRIP;
+    return sp_manager_airborne(m) ? SP_ON_AIR : SP_ON_FLOOR;
+}
+
+/* Where the robot is after a command. */
+static int32_t after(int32_t kind)
+{
+    switch (kind) {
+    case SP_LOCOMOTION_CRAWL_TO:
+    case SP_LOCOMOTION_LAND: return SP_ON_FLOOR;
+    case SP_LOCOMOTION_GRASP:
+    case SP_LOCOMOTION_CARRY_TO: return SP_ON_GRIP;
+    case SP_LOCOMOTION_PLACE: return SP_ON_PLACED;
+    default: return SP_ON_AIR;
+    }
+}
+
+/* Whether a command can follow from where the robot is. */
+static int can_follow(int32_t kind, int32_t situation)
+{
+    switch (kind) {
+    case SP_LOCOMOTION_CRAWL_TO:
+    case SP_LOCOMOTION_TAKE_OFF: return situation == SP_ON_FLOOR;
+    case SP_LOCOMOTION_CARRY_TO:
+    case SP_LOCOMOTION_PLACE: return situation == SP_ON_GRIP;
+    case SP_LOCOMOTION_RELEASE: return situation == SP_ON_GRIP || situation == SP_ON_PLACED;
+    default: return situation == SP_ON_AIR;
+    }
+}
+
+const char *sp_cannot_follow(int32_t kind, int32_t *situation)
+{
+    int32_t here = *situation;
+    *situation = after(kind);
+    if (can_follow(kind, here)) return NULL;
+    if (here == SP_ON_FLOOR) return "take_off first: the robot is on the floor there";
+    if (here != SP_ON_AIR) return "release first: the legs hold an object there";
+    int holds = kind == SP_LOCOMOTION_CARRY_TO || kind == SP_LOCOMOTION_PLACE || kind == SP_LOCOMOTION_RELEASE;
+    return holds ? "grasp first: the legs hold nothing there" : "land first: the robot is in the air there";
+}
+
 int sp_manager_done(const sp_manager *m)
 {
     int32_t phase = m->memory.phase;
     if (m->count > 0) return 0;
     if (phase == SP_MANAGER_HOVER) return m->memory.time >= path_end(m);
+    if (phase == SP_MANAGER_GRASP) return sp_grasp_waits(&m->grasper);
     return phase == SP_MANAGER_LIE || phase == SP_MANAGER_CUT;
 }
 
 /* Append a command; returns 0 if the queue is full or the command cannot follow the previous one. */
 int sp_manager_command(sp_manager *m, const sp_waypoint *command)
 {
-    int flies = command->kind == SP_LOCOMOTION_FLY_TO || command->kind == SP_LOCOMOTION_LAND, before;
-    if (m->count == SP_MAX_WAYPOINTS) return 0;
-    if (m->count > 0) {
-        int32_t last = m->commands[m->count - 1].kind;
-        before = last == SP_LOCOMOTION_FLY_TO || last == SP_LOCOMOTION_TAKE_OFF;
-    } else {
-        before = sp_manager_airborne(m);
-    }
-    if (flies != before) return 0;
+    int32_t situation = m->count > 0 ? after(m->commands[m->count - 1].kind) : sp_manager_situation(m);
+    if (m->count == SP_MAX_WAYPOINTS || sp_cannot_follow(command->kind, &situation) != NULL) return 0;
     m->commands[m->count++] = *command;
     return 1;
 }
@@ -453,16 +639,14 @@ int sp_manager_command(sp_manager *m, const sp_waypoint *command)
 int sp_manager_interrupt(sp_manager *m, const sp_waypoint *commands, int n)
 {
     sp_manager_memory *memory = &m->memory;
-    int32_t phase = memory->phase;
-    int airborne = sp_manager_airborne(m), rises = n > 0 && commands[0].kind == SP_LOCOMOTION_TAKE_OFF;
+    int32_t phase = memory->phase, situation = sp_manager_situation(m);
+    int rises = n > 0 && commands[0].kind == SP_LOCOMOTION_TAKE_OFF;
     int ends = (phase == SP_MANAGER_CRAWL || phase == SP_MANAGER_UNLOAD) && !rises;
     double pose[4], rate[4], acceleration[4];
     if (n + 1 > SP_MAX_WAYPOINTS) return 0;
-    for (int k = 0; k < n; k++) {
-        int flies = commands[k].kind == SP_LOCOMOTION_FLY_TO || commands[k].kind == SP_LOCOMOTION_LAND;
-        if (flies != airborne) return 0;
-        airborne = commands[k].kind == SP_LOCOMOTION_FLY_TO || commands[k].kind == SP_LOCOMOTION_TAKE_OFF;
-    }
+    for (int k = 0; k < n; k++)
+        if (sp_cannot_follow(commands[k].kind, &situation) != NULL) return 0;
+    memory->ends = 0;
     if (phase == SP_MANAGER_CLIMB && n > 0 && commands[0].kind == SP_LOCOMOTION_FLY_TO) {
         moving(m, pose, rate, acceleration);
         ends = pose[2] < memory->floor + SP_MANAGER_LEVEL_TO;
@@ -484,18 +668,58 @@ int sp_manager_interrupt(sp_manager *m, const sp_waypoint *commands, int n)
                          phase == SP_MANAGER_HOVER || phase == SP_MANAGER_DESCEND)) {
         if (n > 0 && commands[0].kind == SP_LOCOMOTION_FLY_TO && commands[0].at_once) steer(m, &m->commands[0]);
         else hover(m);
+    } else if (phase == SP_MANAGER_GRASP) {
+        regrasp(m);
     }
     memory->rises = rises && (phase == SP_MANAGER_CRAWL || phase == SP_MANAGER_UNLOAD);
     return 1;
 }
 
+void sp_manager_end(sp_manager *m)
+{
+    sp_manager_memory *memory = &m->memory;
+    sp_waypoint orders[4];
+    double floor_w = memory->floor - m->lying_height, surface;
+    int n = 0;
+    if (m->count > 0 && m->commands[0].kind == SP_LOCOMOTION_LAND) {
+        m->count = 1;
+        return;
+    }
+    memset(orders, 0, sizeof orders);
+    if (memory->phase != SP_MANAGER_GRASP) {
+        orders[0].kind = SP_LOCOMOTION_LAND;
+        orders[0].floor = floor_w;
+        sp_manager_interrupt(m, orders, sp_manager_airborne(m));
+        return;
+    }
+    if (sp_grasp_put_down(&m->grasper, &surface)) {
+        orders[n].kind = SP_LOCOMOTION_PLACE;
+        orders[n++].floor = surface < HUGE_VAL ? surface : floor_w;
+    }
+    const double *from = m->knots[m->knot_count - 1].pose_w;
+    int free = sp_manager_situation(m) == SP_ON_AIR;
+    const double *where = free ? m->grasper.grip.position_w : m->grasper.memory.end.pose_w;
+    if (!free) orders[n++].kind = SP_LOCOMOTION_RELEASE;
+    double dx = from[0] - where[0], dy = from[1] - where[1], far = sqrt(dx * dx + dy * dy);
+    if (far < 1e-3) dx = -cos(from[3]), dy = -sin(from[3]), far = 1.0;
+    double share = sp_max(far, SP_MANAGER_ASIDE) / far;
+    orders[n].kind = SP_LOCOMOTION_FLY_TO;
+    orders[n].position_w[0] = where[0] + share * dx;
+    orders[n].position_w[1] = where[1] + share * dy;
+    orders[n].position_w[2] = from[2];
+    orders[n++].speed = 0.5;
+    orders[n].kind = SP_LOCOMOTION_LAND;
+    orders[n++].floor = floor_w;
+    if (sp_manager_interrupt(m, orders, n)) memory->ends = 1;
+}
+
 /* One control tick. */
-void sp_manager_step(sp_manager *m, const sp_robot_state *state, const sp_residual *residual, sp_room *room,
-                     sp_command *command)
+void sp_manager_step(sp_manager *m, const sp_robot_state *state, const sp_residual *residual, const sp_seen *seen,
+                     sp_room *room, sp_command *command)
 {
     sp_manager_memory *memory = &m->memory;
     if (sp_valid_state(state)) {
-        go_on(room->robot, m, state);
+        go_on(room->robot, m, state, seen);
         memory->time += m->flight.dt;
     }
     if (on_ground(m)) {
@@ -503,9 +727,12 @@ void sp_manager_step(sp_manager *m, const sp_robot_state *state, const sp_residu
     } else if (memory->phase == SP_MANAGER_CUT) {
         last_command(m, command);
         sp_zero(command->thrust, SP_ROTORS);
+    } else if (memory->phase == SP_MANAGER_GRASP) {
+        hold(m, room->robot, state, seen);
+        sp_flight_step(&m->flight, state, &m->reference, residual, NULL, &m->grasper.grip, room, command);
     } else {
         refer(m, state, &m->reference);
-        sp_flight_step(&m->flight, state, &m->reference, residual, NULL, room, command);
+        sp_flight_step(&m->flight, state, &m->reference, residual, NULL, NULL, room, command);
         limit(room->robot, m, command);
     }
     memory->thrust = 0.0;

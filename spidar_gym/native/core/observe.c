@@ -113,6 +113,59 @@ int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const d
     return finish(v, at, bound, observation);
 }
 
+/* Write the observation of a grasp; returns its length. */
+int sp_observe_grasp(const sp_robot *robot, const sp_manager *m, const sp_grasp_scene *scene, const sp_seen *seen,
+                     const sp_robot_state *state, const sp_command *last, double charge, double time_left, const double *previous_action,
+                     int action_size, const double *bound, float *observation)
+{
+    const sp_grip *grip = &m->grasper.grip;
+    int at = 0, holds = m->memory.phase == SP_MANAGER_GRASP;
+    double v[SP_MAX_OBSERVATION], R[9], R_wo[9], way[3], middle[3], axis[3], feet[3 * SP_LEGS];
+    double top = scene->half_size[scene->shape == SP_OBJECT_BALL ? 0 : 2];
+    double goal[3] = {scene->goal.x, scene->goal.y, scene->floor + top};
+    const double *q = seen->quat_wo;
+    sp_from_quat(state->quat_wb, R);
+    sp_from_quat(q, R_wo);
+    double own = atan2(R[3], R[0]);
+    double its = atan2(2.0 * (q[0] * q[3] + q[1] * q[2]), 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3]));
+    at = put(v, at, R + 6, 3);
+    v[at++] = state->position_w[2];
+    sp_apply_t(R, state->velocity_w, way);
+    at = put(v, at, way, 3);
+    at = put(v, at, state->omega_b, 3);
+    at = put(v, at, state->joint_position, SP_JOINTS);
+    at = put(v, at, state->joint_velocity, SP_JOINTS);
+    at = put(v, at, last->joint_position, SP_JOINTS);
+    at = put(v, at, state->joint_torque, SP_JOINTS);
+    at = put_turns(v, at, state->vectoring);
+    at = put(v, at, last->thrust, SP_ROTORS);
+    for (int i = 0; i < 3; i++) way[i] = seen->position_w[i] - state->position_w[i];
+    sp_apply_t(R, way, middle);
+    at = put(v, at, middle, 3);
+    for (int i = 0; i < 3; i++) axis[i] = R_wo[3 * i + 2];
+    sp_apply_t(R, axis, way);
+    at = put(v, at, way, 3);
+    v[at++] = sin(its - own);
+    v[at++] = cos(its - own);
+    for (int k = 0; k <= SP_OBJECT_BALL; k++) v[at++] = scene->shape == k;
+    at = put(v, at, scene->half_size, 3);
+    v[at++] = scene->most_force;
+    for (int i = 0; i < 3; i++) axis[i] = goal[i] - seen->position_w[i];
+    sp_apply_t(R, axis, way);
+    at = put(v, at, way, 3);
+    v[at++] = sin(scene->goal.yaw - its);
+    v[at++] = cos(scene->goal.yaw - its);
+    sp_feet_at(robot, state->joint_position, feet);
+    for (int i = 0; i < 3 * SP_LEGS; i++) v[at++] = feet[i] - middle[i % 3];
+    v[at++] = holds ? grip->force : 0.0;
+    v[at++] = holds ? grip->payload : 0.0;
+    for (int k = 0; k <= SP_GRASP_STEERED; k++) v[at++] = (holds ? m->grasper.memory.phase : SP_GRASP_NONE) == k;
+    v[at++] = charge;
+    v[at++] = time_left;
+    at = put(v, at, previous_action, action_size);
+    return finish(v, at, bound, observation);
+}
+
 /* Write the course observation; returns its length. */
 int sp_observe_course(const sp_robot *robot, const sp_manager *m, const sp_pilot *pilot, const sp_course *course,
                       const sp_robot_state *state, const sp_command *last, double charge, double time_left,

@@ -50,7 +50,41 @@ void sp_follow(const double *forces_l, const sp_lock *lock, const double *presen
 /* interference.c */
 void sp_no_interference(sp_interference *bounds);
 void sp_find_interference(const sp_snapshot *snapshot, const double *nominal, const sp_interference *previous,
-                          const sp_interference_config *config, sp_interference *bounds);
+                          const sp_interference_config *config, const sp_disc *disc, sp_interference *bounds);
+
+/* grip.c */
+void sp_grip_torque(const sp_robot *robot, const sp_grip *grip, const sp_snapshot *snapshot, const double *R_wb,
+                    const double *position_w, const sp_residual *residual, double *torque);
+void sp_grip_carried(const sp_robot *robot, const sp_grip *grip, const sp_snapshot *snapshot, const double *R_wb,
+                     const double *position_w, double *wrench);
+void sp_grip_disc(const sp_grip *grip, const sp_snapshot *snapshot, const double *R_wb, const double *position_w,
+                  sp_disc *disc);
+
+/* grasp.c */
+void sp_open_claw(const sp_robot *robot, double half_width, double *form); /* form around an object */
+const char *sp_refuse_object(const sp_robot *robot, const sp_waypoint *order); /* NULL: the claw can hold it */
+void sp_grasp_begin(const sp_robot *robot, sp_grasper *grasper, const sp_waypoint *target, const sp_seen *seen,
+                    const double *pose_w, const double *form);
+void sp_grasp_carry(sp_grasper *grasper, const sp_waypoint *order);
+void sp_grasp_place(sp_grasper *grasper, double floor_w);
+/* Stop where the feet press, for the end of a mission; returns 1 and the height of the surface where it stood, infinite
+ * once it was lifted, 0 if it need not be put down. */
+int sp_grasp_put_down(sp_grasper *grasper, double *surface_w);
+void sp_grasp_release(sp_grasper *grasper);
+void sp_grasp_stop(sp_grasper *grasper);
+void sp_grasp_abandon(sp_grasper *grasper);
+void sp_grasp_steer(const sp_robot *robot, sp_grasper *grasper, const sp_waypoint *target, const double *action,
+                    const double *pose_w, const double *form, double seconds);
+void sp_grasp_order(const sp_grasp_scene *scene, double mass, sp_waypoint *order);
+/* Least equal force of four feet that holds the object of a scene [N]. */
+#define SP_TOLD (-1.0) /* true mass and friction in the orders */
+int sp_grasp_rule(const sp_grasp_scene *scene, const sp_seen *seen, int idle, double grip, sp_rule_memory *memory,
+                  sp_waypoint *orders); /* number of orders, 0 or 4 */
+int sp_grasp_presses(const sp_grasper *grasper);
+int sp_grasp_leaves(const sp_grasper *grasper);
+int sp_grasp_waits(const sp_grasper *grasper);
+void sp_grasp_step(const sp_robot *robot, sp_grasper *grasper, const sp_robot_state *state, double yaw, double lift,
+                   const sp_seen *seen, double dt, sp_setting *aim, double *rate); /* seen: NULL if it is not */
 
 /* program.c */
 const sp_mode *sp_find_mode(int32_t kind); /* kind: of sp_program_kind, flight modes first */
@@ -81,7 +115,8 @@ void sp_compute_state(const sp_robot *robot, const sp_robot_state *state, const 
 void sp_plan_joints(const sp_robot *robot, const sp_flight *flight, const double *wanted, double scale, double *following,
                     double *rate);
 void sp_flight_step(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference,
-                    const sp_residual *residual, const sp_control_state *control, sp_room *room, sp_command *command);
+                    const sp_residual *residual, const sp_control_state *control, const sp_grip *grip, sp_room *room,
+                    sp_command *command);
 void sp_flight_allocate(sp_flight *flight, const sp_robot_state *state, const sp_reference *reference, const double *wrench,
                         sp_room *room, double *thrust, double *vectoring); /* the allocation alone */
 
@@ -135,12 +170,19 @@ void sp_crawl_step(sp_crawl *crawl, const sp_robot_state *state, const sp_residu
 /* manager.c: both gaits */
 void sp_manager_init(const sp_robot *robot, sp_manager *manager, const sp_manager_config *config);
 void sp_manager_reset(const sp_robot *robot, sp_manager *manager, const sp_robot_state *state);
+void sp_manager_begin_in_air(const sp_robot *robot, sp_manager *manager, const sp_robot_state *state); /* after a reset */
+void sp_manager_steer(const sp_robot *robot, sp_manager *manager, const sp_robot_state *state, const sp_waypoint *target,
+                      const double *action, double seconds);
+int32_t sp_manager_situation(const sp_manager *manager); /* sp_situation */
 int sp_manager_airborne(const sp_manager *manager);
 int sp_manager_done(const sp_manager *manager);
 int sp_manager_command(sp_manager *manager, const sp_waypoint *command);
 int sp_manager_interrupt(sp_manager *manager, const sp_waypoint *commands, int n);
-void sp_manager_step(sp_manager *manager, const sp_robot_state *state, const sp_residual *residual, sp_room *room,
-                     sp_command *command);
+const char *sp_cannot_follow(int32_t kind, int32_t *situation);
+/* End the mission: come to rest on the floor from any phase, without an object. */
+void sp_manager_end(sp_manager *manager);
+void sp_manager_step(sp_manager *manager, const sp_robot_state *state, const sp_residual *residual, const sp_seen *seen,
+                     sp_room *room, sp_command *command); /* seen: object to grasp, NULL if it is not seen */
 
 /* pilot.c: courses */
 double sp_course_floor(const sp_course *course, double x);
@@ -166,6 +208,9 @@ int sp_observe(const sp_flight *flight, const sp_robot_state *state, const sp_co
 int sp_observe_crawl(const sp_crawl *crawl, const sp_robot_state *state, const double *goal, const double *thrust,
                      const double *previous_action, int action_size, int ticks, const double *bound,
                      float *observation);
+int sp_observe_grasp(const sp_robot *robot, const sp_manager *manager, const sp_grasp_scene *scene, const sp_seen *seen,
+                     const sp_robot_state *state, const sp_command *last, double charge, double time_left,
+                     const double *previous_action, int action_size, const double *bound, float *observation);
 int sp_observe_course(const sp_robot *robot, const sp_manager *manager, const sp_pilot *pilot, const sp_course *course,
                       const sp_robot_state *state, const sp_command *last, double charge, double time_left,
                       const double *previous_action, int action_size, const double *bound, float *observation);

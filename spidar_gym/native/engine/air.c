@@ -9,6 +9,7 @@
 #define STATIONS_A_LINK 3
 #define TORSO_STATIONS 5
 #define DISC_POINTS 5
+#define ALL_JETS ((1u << SP_DUCTS) - 1)
 
 /* Speed of the air at distance s behind a duct's exit and r from its axis, w at the exit: a core that shrinks to a point
  * over `core_length` diameters inside a Gaussian shear layer whose width follows from ∫ ρ u² dA = T at every s; beyond
@@ -61,15 +62,15 @@ static void place(station *s, const sp_sim *sim, int32_t body, const double *ori
     for (int i = 0; i < 3; i++) s->air[i] = wind_w[i] - v[3 + i] + turn[i];
 }
 
-/* Add the jets of other modules, which blow along −axis, to the air velocity at a station. */
+/* Add the jets of other modules, which blow along −axis, to the air velocity at a station; bit j of `jets` is jet j. */
 static void add_wake(station *s, int duct, const sp_world *world, const double *up, const double (*exits)[3],
-                     const double *w, double core_length)
+                     const double *w, double core_length, uint32_t jets)
 {
     static const double weights[DISC_POINTS] = {0.25, 0.1875, 0.1875, 0.1875, 0.1875};
     double disc = sqrt(2.0 / 3.0) * world->propeller_radius, flow[3] = {0.0, 0.0, 0.0}, fastest = 0.0;
     const double offsets[DISC_POINTS][2] = {{0, 0}, {disc, 0}, {0, disc}, {-disc, 0}, {0, -disc}};
     for (int j = 0; j < SP_DUCTS; j++) {
-        if (s->owner == j / 2) continue;
+        if (s->owner == j / 2 || !(jets >> j & 1)) continue;
         const double *axis = up + 3 * j;
         double from[3] = {s->p[0] - exits[j][0], s->p[1] - exits[j][1], s->p[2] - exits[j][2]};
         double behind = -sp_dot(from, axis), reach = SP_REACH + SP_SPREAD * behind;
@@ -164,11 +165,91 @@ static double near_ground(double factor, double centre_z, double up_z, const sp_
     return factor * (1.0 + strength * (ratio * ratio));
 }
 
+/* Return the jets that reach a ball, by bits. */
+static uint32_t jets_towards(const double *centre, double radius, const double *up, const double (*exits)[3])
+{
+    uint32_t jets = 0;
+    for (int j = 0; j < SP_DUCTS; j++) {
+        double from[3] = {centre[0] - exits[j][0], centre[1] - exits[j][1], centre[2] - exits[j][2]};
+        double behind = -sp_dot(from, up + 3 * j), away = sqrt(sp_max(sp_dot(from, from) - behind * behind, 0.0));
+        double reach = SP_REACH + SP_SPREAD * sp_max(behind + radius, 0.0);
+        if (behind + radius > 0.0 && away < reach + radius) jets |= 1u << j;
+    }
+    return jets;
+}
+
+/* The jets that reach a face and blow towards it, by bits; `face` of the cube that is mapped onto the object: its axis,
+ * then its side. All in the object's axes. */
+static uint32_t jets_at(int face, int is_flat, const double *scale, uint32_t near, const double *up, const double (*exits)[3])
+{
+    double centre[3] = {0.0, 0.0, 0.0}, size[3] = {scale[0], scale[1], scale[2]}, side = face % 2 ? -1.0 : 1.0;
+    int axis = face / 2;
+    if (!near) return 0;
+    centre[axis] = side * size[axis] * (is_flat ? 1.0 : 0.5);
+    size[axis] *= is_flat ? 0.0 : 0.5;
+    near &= jets_towards(centre, sp_norm(size), up, exits);
+    for (int j = 0; j < SP_DUCTS && is_flat; j++)
+        if (!(side * up[3 * j + axis] > 0.0)) near &= ~(1u << j);
+    return near;
+}
+
+/* Evaluate the pressure of jets and wind on the object: c ½ ρ (V·n)² along −n on each windward patch, on which only the
+ * jets act that blow towards it. Where c is 2, a jet that meets a face loses all of its momentum along the normal. */
+static void push_object(const sp_world *world, const sp_sim *sim, const sp_aero_config *config,
+                        const sp_object_config *object, const double *origin, const double *wind_w, const double *up_w,
+                        const double (*exits_w)[3], const double *w, sp_air *out)
+{
+    static const double level[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    const double *at = sim->xpos + 3 * world->object, *R = sim->xmat + 9 * world->object;
+    const double *twist = sim->cvel + 6 * world->object, *com = sim->subtree_com + 3 * world->object;
+    double scale[3], up[3 * SP_DUCTS], exits[SP_DUCTS][3], force[3] = {0, 0, 0}, torque[3] = {0, 0, 0};
+    double lever_w[3], turn[3], air_w[3], air[3], omega[3];
+    sp_object_scale(object, scale);
+    for (int i = 0; i < 3; i++) lever_w[i] = at[i] - com[i];
+    sp_cross(lever_w, twist, turn); /* wind − (v + ω × p) = wind − v + p × ω */
+    for (int i = 0; i < 3; i++) air_w[i] = wind_w[i] - twist[3 + i] + turn[i];
+    sp_apply_t(R, air_w, air);
+    sp_apply_t(R, twist, omega);
+    for (int j = 0; j < SP_DUCTS && config->wake; j++) {
+        double from[3];
+        for (int i = 0; i < 3; i++) from[i] = exits_w[j][i] + origin[i] - at[i];
+        sp_apply_t(R, from, exits[j]);
+        sp_apply_t(R, up_w + 3 * j, up + 3 * j);
+    }
+    const double middle[3] = {0.0, 0.0, 0.0};
+    uint32_t near = config->wake ? jets_towards(middle, sp_norm(scale), up, (const double(*)[3])exits) : 0;
+    int is_still = sp_norm(air) + sp_norm(omega) * sp_norm(scale) < SP_STILL_AIR;
+    for (int face = 0; face < SP_FACES; face++) {
+        int axis = face / 2, is_flat = object->shape == SP_SHAPE_BOX || (object->shape == SP_SHAPE_CYLINDER && axis == 2);
+        uint32_t jets = jets_at(face, is_flat, scale, near, up, (const double(*)[3])exits);
+        if (!jets && is_still) continue;
+        double area = 0.5 * SP_AIR_DENSITY * object->pressure * scale[(axis + 1) % 3] * scale[(axis + 2) % 3];
+        for (int k = face * SP_FACE_PATCHES; k < (face + 1) * SP_FACE_PATCHES; k++) {
+            const double *row = world->patch[object->shape][k], *normal = row + 3;
+            station s = {.R = level, .owner = -1, .p = {scale[0] * row[0], scale[1] * row[1], scale[2] * row[2]}};
+            sp_cross(s.p, omega, turn);
+            for (int i = 0; i < 3; i++) s.air[i] = air[i] + turn[i];
+            uint32_t blowing = jets;
+            for (int j = 0; j < SP_DUCTS && blowing && !is_flat; j++)
+                if (!(sp_dot(up + 3 * j, normal) > 0.0)) blowing &= ~(1u << j);
+            if (blowing) add_wake(&s, 0, world, up, (const double(*)[3])exits, w, config->core_length, blowing);
+            double into = -sp_dot(s.air, normal);
+            if (!(into > 0.0)) continue;
+            double pressed = into * into * row[6] * area, push[3], about[3];
+            for (int i = 0; i < 3; i++) push[i] = -pressed * normal[i];
+            sp_cross(s.p, push, about);
+            for (int i = 0; i < 3; i++) force[i] += push[i], torque[i] += about[i];
+        }
+    }
+    sp_apply(R, force, out->object_force_w);
+    sp_apply(R, torque, out->object_torque_w);
+}
+
 /* Evaluate the forces of the air: `thrust` in still air and `noise` per module [N], wind [m/s] and push [N], world; the
  * state of the recirculation's eddy, NULL without. */
 void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_config *config,
-                     const sp_recirculation_config *recirculation, const double *thrust, const double *wind_w,
-                     const double *noise, const double *push_w, const double *eddy, sp_air *out)
+                     const sp_recirculation_config *recirculation, const sp_object_config *object, const double *thrust,
+                     const double *wind_w, const double *noise, const double *push_w, const double *eddy, sp_air *out)
 {
     const double *origin = sim->subtree_com + 3 * world->torso, half = 0.5 * SP_AIR_DENSITY;
     double area = SP_PI * (world->propeller_radius * world->propeller_radius), radius = world->torso_radius;
@@ -202,9 +283,12 @@ void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_con
         for (int k = 0; k < SP_DUCTS; k++) sum += lifts[k];
         add_eddy(all, world, sim, recirculation, eddy, sqrt(sum / (SP_DUCTS * SP_AIR_DENSITY * area)));
     }
+    if (world->object >= 0)
+        push_object(world, sim, config, object, origin, wind_w, up, (const double(*)[3])exits, w, out);
     double lowest = HUGE_VAL;
     for (int k = 0; k < SP_STATIONS; k++) {
-        if (config->wake) add_wake(&all[k], k < SP_DUCTS, world, up, (const double(*)[3])exits, w, config->core_length);
+        if (config->wake)
+            add_wake(&all[k], k < SP_DUCTS, world, up, (const double(*)[3])exits, w, config->core_length, ALL_JETS);
         else if (still) sp_zero(all[k].air, 3);
     }
     for (int k = 0; k < SP_DUCTS; k++) lowest = sp_min(lowest, all[k].p[2] + origin[2] + world->duct_z * up[3 * k + 2]);

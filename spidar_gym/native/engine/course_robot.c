@@ -187,7 +187,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_spawn(&episode->generator, &c->plant.generator);
     c->plant.disturbances = episode->disturbances;
     sp_charge(charge, &c->plant);
-    sp_plant_reset(e->world, &thread->sim, position_w, quat, c->manager.lying, level, idle, NULL, &c->plant);
+    sp_plant_reset(e->world, &thread->sim, position_w, quat, c->manager.lying, level, idle, NULL, NULL, &c->plant);
     sp_leave(&thread->sim, &c->plant);
     episode->ticks = 0;
     episode->failure = -1;
@@ -237,7 +237,7 @@ static void act(const sp_course_rules *rules, sp_room *room, sp_course_robot *c)
         sp_make_residual(episode->action, mode->authority, mode->size, mode->channels, &episode->residual);
         residual = &episode->residual;
     }
-    sp_manager_step(&c->manager, seen, residual, room, &episode->command);
+    sp_manager_step(&c->manager, seen, residual, NULL, room, &episode->command);
     c->phase = c->manager.memory.phase;
     episode->has_command = 1;
 }

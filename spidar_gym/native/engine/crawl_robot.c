@@ -165,7 +165,7 @@ static void begin(sp_engine *e, sp_thread *thread, int robot)
     sp_spawn(&episode->generator, &c->plant.generator);
     c->plant.disturbances = episode->disturbances;
     sp_charge(1.0, &c->plant);
-    sp_plant_reset(e->world, sim, position_w, quat, rules->lies, level, idle, NULL, &c->plant);
+    sp_plant_reset(e->world, sim, position_w, quat, rules->lies, level, idle, NULL, NULL, &c->plant);
     if (has_tiles(&c->plant)) {
         sp_command still;
         sp_make_command(idle, level, rules->lies, rules->controller.joint_torque_limit, &still);

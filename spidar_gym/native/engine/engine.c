@@ -109,7 +109,7 @@ static void reset_one(sp_engine *e, sp_thread *thread, int robot)
     sp_plant *p = sp_plant_of(e, robot);
     sp_carry(e, thread, robot);
     sp_plant_reset(e->world, &thread->sim, pose->position_w, pose->quat_wb, pose->joint_position, pose->vectoring,
-                   pose->thrust, pose->motion, p);
+                   pose->thrust, pose->motion, pose->object, p);
     sp_leave(&thread->sim, p);
 }
 
@@ -126,7 +126,7 @@ static void refresh_one(sp_engine *e, sp_thread *thread, int robot)
 {
     sp_carry(e, thread, robot);
     sp_enter(e->world, &thread->sim, sp_plant_of(e, robot));
-    if (sp_is_somewhere(&thread->sim)) thread->sim.mujoco->forward(thread->sim.model, thread->sim.data);
+    if (sp_is_somewhere(e->world, &thread->sim)) thread->sim.mujoco->forward(thread->sim.model, thread->sim.data);
 }
 
 /* Store the loaded simulation as the state of the only robot, so that values written into the mjData count. */

@@ -42,8 +42,8 @@ typedef struct {
     double *actuator_forcerange, *dof_frictionloss, *dof_damping, *body_mass, *body_inertia, *body_ipos;
     double *body_iquat, *geom_friction, *geom_pos, *geom_quat, *geom_size, *geom_rbound, *geom_aabb;
     uint8_t *geom_sameframe;
-    int32_t *body_geomnum, *disableflags;
-    int64_t contact_stride, contact_geoms; /* bytes of an mjContact; offset of its two geoms in it */
+    int32_t *body_geomnum, *geom_type, *disableflags;
+    int64_t contact_stride, contact_geoms, contact_frame; /* bytes of an mjContact; offsets of its geoms and axes in it */
     int64_t warning_bytes;
 } sp_sim;
 
@@ -51,8 +51,8 @@ typedef struct {
 double sp_jet_profile(double s, double r, double w, double core_length, double radius);
 double sp_thrust_factor(double inflow, double zero_thrust_speed);
 void sp_evaluate_air(const sp_world *world, const sp_sim *sim, const sp_aero_config *config,
-                     const sp_recirculation_config *recirculation, const double *thrust, const double *wind_w,
-                     const double *noise, const double *push_w, const double *eddy, sp_air *air);
+                     const sp_recirculation_config *recirculation, const sp_object_config *object, const double *thrust,
+                     const double *wind_w, const double *noise, const double *push_w, const double *eddy, sp_air *air);
 
 /* weather.c */
 void sp_draw_weather(const sp_disturbances *disturbances, sp_generator *generator, sp_weather *weather);
@@ -81,8 +81,19 @@ double sp_floor_height(const sp_ground_config *config, double x, double y);
 double sp_clearance(const sp_world *world, const sp_sim *sim, const sp_plant *plant);
 void sp_look_for_contacts(const sp_sim *sim, int wanted);
 double sp_hit(const sp_world *world, const sp_sim *sim);
+void sp_contact_geoms(const sp_sim *sim, int contact, int32_t *pair);
+int sp_with_object(const sp_world *world, const int32_t *pair);
+int sp_in_contact(const sp_world *world, const sp_sim *sim);
 int32_t sp_violates(const sp_world *world, const sp_sim *sim, int contact);
 void sp_touching(const sp_world *world, const sp_sim *sim, const sp_plant *plant, sp_touch *touch);
+
+/* object.c */
+void sp_object_scale(const sp_object_config *config, double *scale);
+void sp_write_object(const sp_world *world, const sp_object_config *config, const sp_sim *sim);
+void sp_place_object(const sp_world *world, const sp_sim *sim, const double *position_w, const double *quat_wo);
+void sp_read_object(const sp_world *world, const sp_sim *sim, sp_object_state *state);
+void sp_keep_object(const sp_sim *sim, const sp_object_state *state);
+void sp_watch_object(const sp_world *world, const sp_sim *sim, int left, double apart, sp_plant *p);
 
 /* body.c: writes a configuration into MuJoCo's model. */
 void sp_write_body(const sp_world *world, const sp_body_config *config, const sp_sim *sim);
@@ -92,10 +103,10 @@ void sp_write_actuators(const sp_world *world, const sp_actuator_config *config,
 void sp_configure(const sp_world *world, const sp_sim *sim, const sp_plant_config *config, sp_plant *plant);
 void sp_enter(const sp_world *world, const sp_sim *sim, sp_plant *plant);
 void sp_leave(const sp_sim *sim, sp_plant *plant);
-int sp_is_somewhere(const sp_sim *sim);
+int sp_is_somewhere(const sp_world *world, const sp_sim *sim);
 void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *position_w, const double *quat_wb,
                     const double *joints, const double *vectoring, const double *thrust, const double *motion,
-                    sp_plant *plant);
+                    const double *object, sp_plant *plant);
 void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *command, sp_plant *plant);
 void sp_measure(sp_plant *plant, sp_measurement *measurement);
 
@@ -148,9 +159,11 @@ void sp_carry(const sp_engine *engine, sp_thread *thread, int robot);
 void sp_become(const sp_engine *engine, sp_thread *thread, int robot, const sp_plant_config *config);
 void sp_put_down(const sp_engine *engine, sp_thread *thread, int robot, const sp_plant_config *config);
 
-/* Initial pose of a robot, and `motion` of its torso: velocity of the origin, world; angular velocity, torso axes. */
+/* Initial pose of a robot, and `motion` of its torso: velocity of the origin, world; angular velocity, torso axes.
+ * `object` is the pose of an object at rest: position of its origin, quaternion. */
 typedef struct {
     double position_w[3], quat_wb[4], joint_position[SP_JOINTS], vectoring[2 * SP_ROTORS], thrust[SP_ROTORS], motion[6];
+    double object[7];
 } sp_pose;
 
 int sp_configure_plants(sp_engine *engine, const int32_t *ids, int n, const sp_plant_config *configs);
@@ -189,5 +202,13 @@ int sp_reset_course_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_step_course_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_hold_course_robots(sp_engine *engine, const int32_t *ids, int n);
 int sp_lose_course_robots(sp_engine *engine, const int32_t *ids, int n);
+
+/* grasp_robot.c */
+void sp_draw_scene(const sp_grasp_rules *rules, sp_generator *generator, sp_grasp_scene *scene);
+int sp_show_grasp_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_reset_grasp_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_step_grasp_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_hold_grasp_robots(sp_engine *engine, const int32_t *ids, int n);
+int sp_lose_grasp_robots(sp_engine *engine, const int32_t *ids, int n);
 
 #endif

@@ -110,13 +110,38 @@ void sp_look_for_contacts(const sp_sim *sim, int wanted)
     else *sim->disableflags |= (int32_t)sim->mujoco->contact_off;
 }
 
+/* Read the two geoms of a contact. */
+void sp_contact_geoms(const sp_sim *sim, int contact, int32_t *pair)
+{
+    memcpy(pair, *sim->contact + contact * sim->contact_stride + sim->contact_geoms, 2 * sizeof *pair);
+}
+
+/* Whether a contact is one of the object. */
+int sp_with_object(const sp_world *world, const int32_t *pair)
+{
+    return world->object >= 0 && (pair[0] == world->object_geom || pair[1] == world->object_geom);
+}
+
+/* Whether the robot touches floor or boxes; the robot is loaded. */
+int sp_in_contact(const sp_world *world, const sp_sim *sim)
+{
+    int32_t pair[2];
+    if (world->object < 0) return *sim->contacts > 0;
+    for (int k = 0; k < *sim->contacts; k++) {
+        sp_contact_geoms(sim, k, pair);
+        if (!sp_with_object(world, pair)) return 1;
+    }
+    return 0;
+}
+
 /* Return the largest contact force of the last physics step on anything but feet and pegs; the robot is loaded. */
 double sp_hit(const sp_world *world, const sp_sim *sim)
 {
     double hardest = 0.0, wrench[6];
     for (int k = 0; k < *sim->contacts; k++) {
         int32_t pair[2];
-        memcpy(pair, *sim->contact + k * sim->contact_stride + sim->contact_geoms, sizeof pair);
+        sp_contact_geoms(sim, k, pair);
+        if (sp_with_object(world, pair)) continue;
         for (int i = 0; i < 2; i++) {
             if (pair[i] < 0 || !world->geom_touches[pair[i]]) continue;
             int32_t kind = world->geom_kind[pair[i]];
@@ -132,10 +157,12 @@ double sp_hit(const sp_world *world, const sp_sim *sim)
 int32_t sp_violates(const sp_world *world, const sp_sim *sim, int contact)
 {
     int32_t bits = 0, pair[2];
-    memcpy(pair, *sim->contact + contact * sim->contact_stride + sim->contact_geoms, sizeof pair);
+    sp_contact_geoms(sim, contact, pair);
+    int held = sp_with_object(world, pair);
     for (int i = 0; i < 2; i++) {
         if (pair[i] < 0 || !world->geom_touches[pair[i]]) continue;
         int32_t kind = world->geom_kind[pair[i]];
+        if (held && kind >= 0 && kind < SP_LEGS) continue; /* feet hold the object */
         bits |= kind == SP_BALLS ? SP_VIOLATED_DUCT : kind >= 0 ? SP_VIOLATED_FOOT : SP_VIOLATED_PART;
     }
     return bits;
@@ -149,7 +176,8 @@ void sp_touching(const sp_world *world, const sp_sim *sim, const sp_plant *plant
     touch->hit = plant->hit;
     for (int k = 0; k < *sim->contacts; k++) {
         int32_t pair[2];
-        memcpy(pair, *sim->contact + k * sim->contact_stride + sim->contact_geoms, sizeof pair);
+        sp_contact_geoms(sim, k, pair);
+        if (sp_with_object(world, pair)) continue;
         for (int i = 0; i < 2; i++) {
             int32_t kind = pair[i] >= 0 ? world->geom_kind[pair[i]] : -1;
             if (kind == SP_BALLS) touch->ducts = 1;

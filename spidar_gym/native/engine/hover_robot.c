@@ -224,7 +224,7 @@ static void place(const sp_engine *e, const sp_hover_rules *rules, sp_thread *th
     sp_apply(R, turning, motion);
     for (int i = 0; i < 3; i++) motion[i] = h->velocity[i] - motion[i], motion[3 + i] = h->omega[i];
     for (int i = 0; i < SP_ROTORS; i++) thrust[i] = numbers->hover_thrust;
-    sp_plant_reset(e->world, &thread->sim, position_w, quat, q, vectoring, thrust, motion, &h->plant);
+    sp_plant_reset(e->world, &thread->sim, position_w, quat, q, vectoring, thrust, motion, NULL, &h->plant);
     sp_leave(&thread->sim, &h->plant);
 }
 
@@ -289,7 +289,7 @@ static void advise(sp_room *room, sp_hover_robot *h)
     sp_flight_memory *memory = &h->flight.memory, before = *memory;
     sp_residual none = {0};
     none.joint_speed_scale = 1.0;
-    sp_flight_step(&h->flight, &h->episode.seen, &h->reference, &none, &h->percept, room, &h->advice);
+    sp_flight_step(&h->flight, &h->episode.seen, &h->reference, &none, &h->percept, NULL, room, &h->advice);
     if (h->is_led) return;
     sp_copy(memory->vectoring, before.vectoring, 2 * SP_ROTORS);
     sp_copy(memory->forces_l, before.forces_l, SP_FORCES);
@@ -335,7 +335,7 @@ static void act(const sp_hover_rules *rules, sp_room *room, sp_hover_robot *h)
         if (rules->rules.is_advised) account(h);
     } else {
         sp_make_residual(episode->action, mode->authority, mode->size, mode->channels, &episode->residual);
-        sp_flight_step(&h->flight, &episode->seen, &h->reference, &episode->residual, &h->percept, room,
+        sp_flight_step(&h->flight, &episode->seen, &h->reference, &episode->residual, &h->percept, NULL, room,
                        &episode->command);
         sp_copy(h->joint_velocity, h->flight.joint_velocity, SP_JOINTS);
     }
@@ -582,7 +582,7 @@ static void watch_robot(sp_engine *e, sp_thread *thread, int robot)
     (void)thread;
     plan(h, goals_of(e, robot), watch->planned);
     sp_nominal_vectoring(&h->truth.snapshot, state->vectoring, nominal);
-    sp_find_interference(&h->truth.snapshot, nominal, &before, &watch->config, &watch->bounds);
+    sp_find_interference(&h->truth.snapshot, nominal, &before, &watch->config, NULL, &watch->bounds);
     watch->interferes = 0;
     for (int i = 0; i < SP_ROTORS; i++) {
         double theta = state->vectoring[2 * i + 1];

@@ -39,6 +39,7 @@ void sp_configure(const sp_world *world, const sp_sim *sim, const sp_plant_confi
     sp_write_actuators(world, &config->actuators, config->joint_speed, sim);
     sp_write_body(world, &config->body, sim);
     sp_lay_floor(world, ground, sim);
+    sp_write_object(world, &config->object, sim);
     sim->mujoco->set_const(sim->model, sim->data); /* what MuJoCo derives from the masses; the data is overwritten */
 }
 
@@ -103,7 +104,11 @@ void sp_leave(const sp_sim *sim, sp_plant *p)
 
 /* Whether the state of a loaded robot is finite. A NaN never disappears again, and MuJoCo's contact detection takes a
  * second with one. */
-int sp_is_somewhere(const sp_sim *sim) { return sp_finite(sim->qpos, SP_QPOS) && sp_finite(sim->qvel, SP_DOFS); }
+int sp_is_somewhere(const sp_world *world, const sp_sim *sim)
+{
+    int more = world->object >= 0;
+    return sp_finite(sim->qpos, SP_QPOS + 7 * more) && sp_finite(sim->qvel, SP_DOFS + 6 * more);
+}
 
 /* ---- reading the state ---- */
 
@@ -160,9 +165,14 @@ static void blow(const sp_world *world, const sp_sim *sim, sp_plant *p, sp_air *
     for (int i = 0; i < 3; i++) wind_w[i] = p->weather.mean_w[i] + p->weather.gust_w[i];
     int recirculates = sp_recirculates(&p->config.recirculation);
     if (recirculates) sp_advance_eddy(&p->config.recirculation, dt, &p->generator, p->eddy);
-    sp_evaluate_air(world, sim, &p->config.aero, &p->config.recirculation, thrust, wind_w, p->noise, p->weather.push_w,
-                    recirculates ? p->eddy : NULL, air);
+    sp_evaluate_air(world, sim, &p->config.aero, &p->config.recirculation, &p->config.object, thrust, wind_w, p->noise,
+                    p->weather.push_w, recirculates ? p->eddy : NULL, air);
     sp_copy(sim->qfrc_applied, air->generalized, SP_DOFS);
+    if (world->object < 0) return;
+    sp_copy(sim->qfrc_applied + SP_DOFS, air->object_force_w, 3);
+    sp_apply_t(sim->xmat + 9 * world->object, air->object_torque_w, sim->qfrc_applied + SP_DOFS + 3);
+    sp_copy(p->object.air_force_w, air->object_force_w, 3);
+    sp_copy(p->object.air_torque_w, air->object_torque_w, 3);
 }
 
 static void keep_air(const sp_air *air, sp_plant *p)
@@ -267,15 +277,18 @@ void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *c
 {
     double square = 0.0, period;
     int asymmetric = is_asymmetric(&p->config.actuators), substeps = p->config.substeps, blown = 0;
-    int boxed = world->box[0] >= 0;
+    int boxed = world->box[0] >= 0, accompanied = world->object >= 0, far, left;
     sp_air air;
     period = substeps * SP_TIMESTEP;
     p->hit = 0.0;
     dispatch(world, sim, command, p);
-    sp_look_for_contacts(sim, !(p->clearance > SP_FASTEST * period));
-    for (int k = 0; k < substeps && sp_is_somewhere(sim); k++) {
+    far = p->clearance > SP_FASTEST * period;
+    left = far && p->object.rests; /* the object stands still and stays where it is */
+    sp_look_for_contacts(sim, !far || (accompanied && !left));
+    for (int k = 0; k < substeps && sp_is_somewhere(world, sim); k++) {
         sim->mujoco->step(sim->model, sim->data);
         p->clock++;
+        if (left) sp_keep_object(sim, &p->object);
         write_play(world, sim, p);
         if (boxed && *sim->contacts) p->hit = sp_max(p->hit, sp_hit(world, sim));
         if (p->pending_count) deliver(sim, p);
@@ -286,14 +299,16 @@ void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *c
         if (asymmetric && p->clock % SP_SERVO_STEPS == 0) lean(world, sim, p);
         if (p->senses && p->clock % SP_IMU_STEPS == 0) sample(world, sim, p);
     }
-    p->in_contact = *sim->contacts > 0;
+    p->in_contact = sp_in_contact(world, sim);
     p->clearance = sp_clearance(world, sim, p);
-    for (int k = 0; k < SP_QPOS; k++) square += sim->qpos[k] * sim->qpos[k];
-    for (int k = 0; k < SP_DOFS; k++) square += sim->qvel[k] * sim->qvel[k];
+    for (int k = 0; k < SP_QPOS + 7 * accompanied; k++) square += sim->qpos[k] * sim->qpos[k];
+    for (int k = 0; k < SP_DOFS + 6 * accompanied; k++) square += sim->qvel[k] * sim->qvel[k];
     p->diverged = !(square < 1e12);
     if (p->diverged) return;
     if (blown) keep_air(&air, p);
     read_state(world, sim, p, &p->state);
+    sp_read_object(world, sim, &p->object);
+    if (accompanied) sp_watch_object(world, sim, left, SP_FASTEST * period, p);
     p->power = power(sim, &p->state);
     p->energy_wh += p->power * period / 3600.0;
     p->violated |= violations(world, sim, p);
@@ -301,9 +316,10 @@ void sp_plant_step(const sp_world *world, const sp_sim *sim, const sp_command *c
 
 /* Place a configured robot, servos at their setpoints and at rest, and leave it loaded. Disturbances and generator are
  * read from the plant. `motion` is the velocity of the torso's origin, world, and its angular velocity, torso axes;
- * NULL at rest. */
+ * NULL at rest. `object` is the pose of the object; NULL leaves it at the origin. */
 void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *position_w, const double *quat_wb,
-                    const double *joints, const double *vectoring, const double *thrust, const double *motion, sp_plant *p)
+                    const double *joints, const double *vectoring, const double *thrust, const double *motion,
+                    const double *object, sp_plant *p)
 {
     const sp_actuator_config *c = &p->config.actuators;
     int weather = p->disturbances.wind > 0.0 || p->disturbances.push > 0.0, recirculates;
@@ -317,6 +333,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     sp_zero(p->stuck, 2);
     p->diverged = p->is_stuck = p->violated = 0;
     p->power = p->energy_wh = p->hit = 0.0;
+    memset(&p->object, 0, sizeof p->object);
     sp_zero(p->noise, SP_ROTORS);
     sp_zero(p->air_force_w, 3);
     for (int k = 0; k < SP_DUCTS; k++) p->air_factor[k] = 1.0;
@@ -336,6 +353,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     sp_copy(sim->qpos + 3, quat_wb, 4);
     for (int j = 0; j < SP_ANGLES; j++) sim->qpos[world->joint_qpos[j]] = target[SP_ROTORS + j];
     if (motion != NULL) sp_copy(sim->qvel, motion, 6);
+    if (object != NULL) sp_place_object(world, sim, object, object + 3);
     sp_copy(sim->act, target, SP_ACTUATORS);
     sp_copy(sim->ctrl, target, SP_ACTUATORS);
     for (int j = 0; j < SP_JOINTS; j++) limit[j] = world->max_joint_torque;
@@ -345,7 +363,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     for (int k = 0; k < 2 * SP_ROTORS; k++) p->sticks[k] = sim->qpos[world->joint_qpos[SP_JOINTS + k]];
     write_play(world, sim, p);
     sim->mujoco->forward(sim->model, sim->data);
-    p->in_contact = *sim->contacts > 0;
+    p->in_contact = sp_in_contact(world, sim);
     p->clearance = sp_clearance(world, sim, p);
     if (weather) sp_draw_weather(&p->disturbances, &p->generator, &p->weather);
     if (recirculates) sp_draw_eddy(&p->generator, p->eddy);
@@ -355,6 +373,7 @@ void sp_plant_reset(const sp_world *world, const sp_sim *sim, const double *posi
     }
     if (is_asymmetric(c)) lean(world, sim, p);
     read_state(world, sim, p, &p->state);
+    sp_read_object(world, sim, &p->object);
     p->power = power(sim, &p->state);
     if (!p->senses) return;
     sensor_offsets(p, offsets);

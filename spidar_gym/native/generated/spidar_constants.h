@@ -25,10 +25,37 @@
 #define SP_MODE_COSTS 4
 #define SP_MODE_ROWS 6
 #define SP_PATH_AHEAD 4
+#define SP_GRASP_TRIES 3
+#define SP_STEER_SIZE 6
 #define SP_MAX_WAYPOINTS 64
 #define SP_MANAGER_KNOTS 8
 #define SP_COURSE_AHEAD 3
 #define SP_CLOCK_TICKS 80
+#define SP_GRIP_LEVER 0x1.3333333333333p+0 /* 1.2, spidar_gym.control.grasp.grip.LEVER */
+#define SP_GRIP_LEAD_TIME 0x1.3333333333333p-2 /* 0.3, spidar_gym.control.grasp.grip.LEAD_TIME */
+#define SP_CLAW_HIGHEST -0x1.8f5c28f5c28f6p-1 /* -0.78, spidar_gym.control.grasp.claw.HIGHEST */
+#define SP_CLAW_KNEE 0x1.8000000000000p+0 /* 1.5, spidar_gym.control.grasp.claw.KNEE */
+#define SP_CLAW_OPEN 0x1.47ae147ae147bp-3 /* 0.16, spidar_gym.control.grasp.claw.OPEN */
+#define SP_CLAW_PRESS 0x1.47ae147ae147bp-8 /* 0.005, spidar_gym.control.grasp.claw.PRESS */
+#define SP_CLAW_NARROWEST 0x1.1eb851eb851ecp-3 /* 0.14, spidar_gym.control.grasp.claw.NARROWEST */
+#define SP_CLAW_WIDEST 0x1.ae147ae147ae1p-2 /* 0.42, spidar_gym.control.grasp.claw.WIDEST */
+#define SP_GRASP_SAFE_GRIP 0x1.0800000000000p+5 /* 33.0, spidar_gym.control.grasp.phases.SAFE_GRIP */
+#define SP_GRASP_QUINTIC_PEAK 0x1.e000000000000p+0 /* 1.875, spidar_gym.control.grasp.phases.QUINTIC_PEAK */
+#define SP_GRASP_RULE_ABOVE_GOAL 0x1.6666666666666p-2 /* 0.35, spidar_gym.control.grasp.rule.ABOVE_GOAL */
+#define SP_GRASP_RULE_LIFT 0x1.6666666666666p-1 /* 0.7, spidar_gym.control.grasp.rule.LIFT */
+#define SP_GRASP_RULE_CARRY_SPEED 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.grasp.rule.CARRY_SPEED */
+#define SP_GRASP_RULE_DELIVERED 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.grasp.rule.DELIVERED */
+#define SP_GRASP_RULE_FIRST_MASS 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.grasp.rule.FIRST_MASS */
+#define SP_SCENE_STAND_MARGIN 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.grasp.scene.STAND_MARGIN */
+#define SP_SCENE_STAND_SHARE 0x1.6666666666666p-1 /* 0.7, spidar_gym.control.grasp.scene.STAND_SHARE */
+#define SP_SCENE_CHOCK 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.control.grasp.scene.CHOCK */
+#define SP_SCENE_LEAN 0x1.0000000000000p-1 /* 0.5, spidar_gym.control.grasp.scene.LEAN */
+#define SP_SCENE_LESS_PER_KG 0x1.8000000000000p+0 /* 1.5, spidar_gym.control.grasp.scene.LESS_PER_KG */
+#define SP_GRAVITY 0x1.39eb851eb851fp+3 /* 9.81, spidar_gym.robot.spec.GRAVITY */
+#define SP_STEER_SPEED 0x1.999999999999ap-2 /* 0.4, spidar_gym.control.grasp.phases.STEER_SPEED */
+#define SP_STEER_TURN 0x1.999999999999ap-2 /* 0.4, spidar_gym.control.grasp.phases.STEER_TURN */
+#define SP_DISC_NEAREST 0x1.47ae147ae147bp-6 /* 0.02, spidar_gym.model.interference.NEAREST */
+#define SP_DISC_FARTHEST 0x1.3333333333333p-1 /* 0.6, spidar_gym.model.interference.FARTHEST */
 #define SP_CONTROL_RATE 0x1.4000000000000p+5 /* 40.0, spidar_gym.control.flight.controller.CONTROL_RATE */
 #define SP_NO_NEXT_FORM 0x1.e000000000000p+5 /* 60.0, spidar_gym.control.flight.observation.NO_NEXT_FORM */
 #define SP_LEAST_QUATERNION 0x1.0000000000000p-2 /* 0.25, spidar_gym.state.LEAST_QUATERNION */
@@ -105,6 +132,8 @@
 #define SP_RULE_BENEATH 0x1.3333333333333p-3 /* 0.15, spidar_gym.control.course.rule.BENEATH */
 #define SP_RULE_ALIGNED 0x1.eb851eb851eb8p-6 /* 0.03, spidar_gym.control.course.rule.ALIGNED */
 #define SP_RULE_FORMED 0x1.eb851eb851eb8p-5 /* 0.06, spidar_gym.control.course.rule.FORMED */
+#define SP_MANAGER_ASIDE 0x1.0000000000000p+1 /* 2.0, spidar_gym.control.locomotion.manager.ASIDE */
+#define SP_MANAGER_ENDS_AFTER 0x1.0000000000000p+0 /* 1.0, spidar_gym.control.locomotion.manager.ENDS_AFTER */
 #define SP_MANAGER_LEVEL_FROM 0x1.999999999999ap-5 /* 0.05, spidar_gym.control.locomotion.manager.LEVEL_FROM */
 #define SP_MANAGER_LEVEL_TO 0x1.6666666666666p-2 /* 0.35, spidar_gym.control.locomotion.manager.LEVEL_TO */
 #define SP_MANAGER_NEAR_FLOOR 0x1.999999999999ap-4 /* 0.1, spidar_gym.control.locomotion.manager.NEAR_FLOOR */
@@ -139,6 +168,7 @@
 #define SP_GAIT_MISSED 0x1.89374bc6a7efap-8 /* 0.006, spidar_gym.control.crawl.gait.MISSED */
 #define SP_GAIT_MISSED_TURN 0x1.89374bc6a7efap-7 /* 0.012, spidar_gym.control.crawl.gait.MISSED_TURN */
 #ifndef __cplusplus
+static const double SP_STEER_RADIUS[2] = {0x1.70a3d70a3d70ap-3, 0x1.3d70a3d70a3d7p-1};
 static const double SP_TARGET_STRETCHED[4] = {0x0.0p+0, 0x0.0p+0, 0x0.0p+0, 0x0.0p+0};
 static const double SP_TARGET_BELOW[4] = {0x0.0p+0, 0x1.921fb54442d18p-1, 0x0.0p+0, 0x1.921fb54442d18p+0};
 static const double SP_TARGET_TURNS[4] = {-0x1.0000000000000p+0, 0x1.0000000000000p+0, -0x1.0000000000000p+0, 0x1.0000000000000p+0};
@@ -180,13 +210,33 @@ typedef enum {
 
 /* Commands to the manager of both gaits. */
 typedef enum {
-    SP_LOCOMOTION_CRAWL_TO = 0, SP_LOCOMOTION_TAKE_OFF = 1, SP_LOCOMOTION_FLY_TO = 2, SP_LOCOMOTION_LAND = 3
+    SP_LOCOMOTION_CRAWL_TO = 0, SP_LOCOMOTION_TAKE_OFF = 1, SP_LOCOMOTION_FLY_TO = 2, SP_LOCOMOTION_LAND = 3,
+    SP_LOCOMOTION_GRASP = 4, SP_LOCOMOTION_CARRY_TO = 5, SP_LOCOMOTION_PLACE = 6, SP_LOCOMOTION_RELEASE = 7
 } sp_locomotion_kind;
+
+/* Where a robot is before a command. */
+typedef enum {
+    SP_ON_FLOOR = 0, SP_ON_AIR = 1, SP_ON_GRIP = 2, SP_ON_PLACED = 3
+} sp_situation;
+
+/* Phases of a grasp. */
+typedef enum {
+    SP_GRASP_NONE = 0, SP_GRASP_RISE = 1, SP_GRASP_OVER = 2, SP_GRASP_DOWN = 3, SP_GRASP_CLOSE = 4, SP_GRASP_GRIP = 5,
+    SP_GRASP_LOAD = 6, SP_GRASP_TEST = 7, SP_GRASP_BACK = 8, SP_GRASP_SETTLE = 9, SP_GRASP_LIFT = 10, SP_GRASP_HOLD =
+    11, SP_GRASP_CARRY = 12, SP_GRASP_LOWER = 13, SP_GRASP_FEEL = 14, SP_GRASP_UNLOAD = 15, SP_GRASP_LET_GO = 16,
+    SP_GRASP_OPEN = 17, SP_GRASP_LEAVE = 18, SP_GRASP_STEERED = 19
+} sp_grasp_phase;
+
+/* Shapes of objects that can be grasped. */
+typedef enum {
+    SP_OBJECT_BOX = 0, SP_OBJECT_CYLINDER = 1, SP_OBJECT_BALL = 2
+} sp_object_shape;
 
 /* Phases of the manager of both gaits. */
 typedef enum {
     SP_MANAGER_LIE = 0, SP_MANAGER_CRAWL = 1, SP_MANAGER_SPOOL = 2, SP_MANAGER_CLIMB = 3, SP_MANAGER_HOVER = 4,
-    SP_MANAGER_FORM = 5, SP_MANAGER_FLY = 6, SP_MANAGER_DESCEND = 7, SP_MANAGER_UNLOAD = 8, SP_MANAGER_CUT = 9
+    SP_MANAGER_FORM = 5, SP_MANAGER_FLY = 6, SP_MANAGER_DESCEND = 7, SP_MANAGER_UNLOAD = 8, SP_MANAGER_CUT = 9,
+    SP_MANAGER_GRASP = 10
 } sp_manager_phase;
 
 /* Parts of a course: gates first, then floors. */
@@ -215,6 +265,12 @@ enum { SP_CONTROLLER_CONFIG_MOTION_COMPLETE = 0, SP_CONTROLLER_CONFIG_MOTION_QUA
 enum { SP_GAIT_CONFIG_STRIDE_CENTRED = 0, SP_GAIT_CONFIG_STRIDE_HOME = 1 };
 
 enum { SP_DISTURBANCES_FAULT_THRUST = 0, SP_DISTURBANCES_FAULT_VECTORING = 1 };
+
+enum { SP_OBJECT_CONFIG_SHAPE_NONE = 0, SP_OBJECT_CONFIG_SHAPE_BOX = 1, SP_OBJECT_CONFIG_SHAPE_CYLINDER = 2, SP_OBJECT_CONFIG_SHAPE_BALL = 3 };
+
+enum { SP_GRASP_MEMORY_PHASE_NONE = 0, SP_GRASP_MEMORY_PHASE_RISE = 1, SP_GRASP_MEMORY_PHASE_OVER = 2, SP_GRASP_MEMORY_PHASE_DOWN = 3, SP_GRASP_MEMORY_PHASE_CLOSE = 4, SP_GRASP_MEMORY_PHASE_GRIP = 5, SP_GRASP_MEMORY_PHASE_LOAD = 6, SP_GRASP_MEMORY_PHASE_TEST = 7, SP_GRASP_MEMORY_PHASE_BACK = 8, SP_GRASP_MEMORY_PHASE_SETTLE = 9, SP_GRASP_MEMORY_PHASE_LIFT = 10, SP_GRASP_MEMORY_PHASE_HOLD = 11, SP_GRASP_MEMORY_PHASE_CARRY = 12, SP_GRASP_MEMORY_PHASE_LOWER = 13, SP_GRASP_MEMORY_PHASE_FEEL = 14, SP_GRASP_MEMORY_PHASE_UNLOAD = 15, SP_GRASP_MEMORY_PHASE_LET_GO = 16, SP_GRASP_MEMORY_PHASE_OPEN = 17, SP_GRASP_MEMORY_PHASE_LEAVE = 18, SP_GRASP_MEMORY_PHASE_STEERED = 19 };
+
+enum { SP_GRASP_SCENE_SHAPE_BOX = 0, SP_GRASP_SCENE_SHAPE_CYLINDER = 1, SP_GRASP_SCENE_SHAPE_BALL = 2 };
 
 /* Phases of each of sp_phases, −1 after the last. */
 static const int32_t SP_STEP_PHASES[3][10] = {

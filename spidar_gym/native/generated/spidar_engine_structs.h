@@ -21,6 +21,8 @@
 #define SP_BOXES 64 /* engine_structs */
 #define SP_AIR_STEPS 10 /* engine_structs */
 #define SP_SERVO_STEPS 5 /* engine_structs */
+#define SP_FACES 6 /* engine_structs */
+#define SP_FACE_PATCHES 144 /* engine_structs */
 #define SP_IMU_STEPS 2 /* engine_structs */
 #define SP_FASTEST 0x1.8000000000000p+3 /* 12.0, engine_structs */
 #define SP_MAX_WARNING_BYTES 256 /* engine_structs */
@@ -32,6 +34,10 @@
 #define SP_STATE_START 2337405405u /* spidar_gym.native.draws */
 #define SP_STATE_FACTOR 1492356589 /* spidar_gym.native.draws */
 #define SP_TIMESTEP 0x1.47ae147ae147bp-9 /* 0.0025, spidar_gym.sim.scene.TIMESTEP */
+#define SP_RESTING 0x1.0624dd2f1a9fcp-10 /* 0.001, spidar_gym.sim.object.RESTING */
+#define SP_STILL_AIR 0x1.0624dd2f1a9fcp-10 /* 0.001, spidar_gym.sim.object.STILL_AIR */
+#define SP_REST_SHARE 0x1.0000000000000p-1 /* 0.5, spidar_gym.sim.object.REST_SHARE */
+#define SP_REST_LEVER 0x1.999999999999ap-4 /* 0.1, spidar_gym.sim.object.REST_LEVER */
 #define SP_AIR_DENSITY 0x1.399999999999ap+0 /* 1.225, spidar_gym.sim.air.AIR_DENSITY */
 #define SP_BLUFF 0x1.199999999999ap+0 /* 1.1, spidar_gym.sim.air.BLUFF */
 #define SP_LINK_SEGMENT 0x1.70a3d70a3d70ap-3 /* 0.18, spidar_gym.sim.air.LINK_SEGMENT */
@@ -98,6 +104,11 @@ typedef enum {
 typedef enum {
     SP_TERRAIN_TILES = 0, SP_TERRAIN_STAIRS = 1, SP_TERRAIN_MIXED = 2
 } sp_terrain;
+
+/* Shapes of an object. */
+typedef enum {
+    SP_SHAPE_NONE = 0, SP_SHAPE_BOX = 1, SP_SHAPE_CYLINDER = 2, SP_SHAPE_BALL = 3
+} sp_shape;
 
 /* Constraints of a robot. */
 typedef enum {
@@ -174,6 +185,17 @@ typedef struct {
     double boxes[448]; /* (64, 7) Boxes in the world: centre, half of length, width and height [m], downward pitch of the front [rad]; boxes of zero size are unused. */
 } sp_ground_config;
 
+/* A free rigid object; its axes are those of its shape, with the origin in the shape's middle. */
+typedef struct {
+    int32_t shape; /* `box`, `cylinder` with a vertical axis, `ball`, or `none` for a world without an object. */
+    double half_size[3]; /* Half of length, width and height of a box; of a cylinder and a ball the first number is the radius, of a cylinder the last one half the height [m]. */
+    double mass; /* Mass [kg]. */
+    double com[3]; /* Position of the centre of mass [m]. */
+    double inertia; /* Factor on the inertia of a uniform solid about its centre of mass. */
+    double friction; /* Sliding friction of its surface against everything. */
+    double pressure; /* Pressure of air on a face over the dynamic pressure of the flow towards it: 2 where a jet loses all of its momentum along the normal, 1.1 is the drag of a bluff body. */
+} sp_object_config;
+
 /* Parameters of the recirculating wake; off by default. */
 typedef struct {
     double flow_xy; /* Standard deviation of U over w along x and along y, world axes [1]. */
@@ -217,6 +239,7 @@ typedef struct {
     sp_recirculation_config recirculation; /* Eddies of the air that returns to the robot. */
     sp_sensor_config sensors; /* Noise of the sensors. */
     sp_ground_config ground; /* The floor. */
+    sp_object_config object; /* A free object; by default there is none. */
 } sp_plant_config;
 
 /* Disturbances of an episode; all off by default. */
@@ -251,6 +274,7 @@ typedef struct {
     int32_t geom_touches[512], geom_is_foot[512]; /* whether it collides with the floor; whether it is a foot */
     int32_t tile[256]; /* geoms of the tiles, row by row; −1 where there are none */
     int32_t box[64]; /* geoms of the boxes; −1 where there are none */
+    int32_t object, object_geom; /* body and geom of the object; −1 where there is none */
     double mass[64]; /* of the described robot [kg] */
     double torso_axes[4]; /* principal axes of the torso's inertia, a quaternion */
     double inertia[64][3], com[64][3]; /* principal inertia [kg m²]; CoG [m] */
@@ -265,7 +289,9 @@ typedef struct {
     double vectoring_kd; /* damping of a vectoring servo [Nm s/rad] */
     double imu_position_b[3]; /* position of the inertial unit, which motion capture tracks [m] */
     double encoder_step[32]; /* one count of each encoder [rad] */
-    double start[438]; /* MuJoCo's state after a reset */
+    int32_t object_type[4]; /* MuJoCo's geom type of each shape */
+    double patch[4][864][7]; /* of objects with half sizes of 1 */
+    double start[469]; /* MuJoCo's state after a reset */
 } sp_world;
 
 /* Result of one evaluation of the air. */
@@ -273,6 +299,7 @@ typedef struct {
     double generalized[38]; /* generalised force for qfrc_applied [N, Nm] */
     double thrust_factor[16]; /* thrust of each duct over that in still air */
     double forces_w[135], points_w[135]; /* force at each station and its position, world [N], [m] */
+    double object_force_w[3], object_torque_w[3]; /* on the object, about its origin, world [N], [Nm] */
 } sp_air;
 
 /* State of wind and pushes. */
@@ -313,6 +340,17 @@ typedef struct {
     double hit; /* largest force on anything but feet and pegs, with boxes only [N] */
 } sp_touch;
 
+/* State of the object, and what acts on it. */
+typedef struct {
+    double position_w[3]; /* origin [m] */
+    double quat_wo[4]; /* attitude (w, x, y, z) */
+    double velocity_w[3], omega_o[3]; /* of the origin, world [m/s]; angular velocity, object axes [rad/s] */
+    double foot_force_w[12]; /* force of each foot on it in the last physics step, world [N] */
+    double floor_force_w[3]; /* force of floor and boxes on the object in it [N] */
+    double air_force_w[3], air_torque_w[3]; /* force of the air and its torque about the origin [N], [Nm] */
+    int32_t is_hit, rests; /* touched by more than feet; at rest, the robot away */
+} sp_object_state;
+
 /* One simulated robot: configuration and state. */
 typedef struct {
     sp_plant_config config;
@@ -320,7 +358,7 @@ typedef struct {
     double floor_R[9]; /* attitude of the floor */
     double highest_tile; /* over the floor's plane [m] */
     int64_t delay, vectoring_delay; /* between a command and the actuators, in physics steps */
-    double row[438]; /* MuJoCo's state */
+    double row[469]; /* MuJoCo's state; the end is unused without an object */
     sp_robot_state state; /* the true state */
     int64_t clock; /* physics steps since the reset */
     int32_t pending_first, pending_count; /* ring buffer */
@@ -342,6 +380,7 @@ typedef struct {
     int32_t is_stuck; /* whether `stuck` is valid */
     double stuck[2]; /* vectoring angles of a module whose servos have failed [rad] */
     double power, energy_wh; /* [W], since the reset [Wh] */
+    sp_object_state object; /* zero where there is none */
     sp_sensor_memory sensors;
     sp_generator generator; /* of noise, wind and pushes */
 } sp_plant;
@@ -383,7 +422,7 @@ typedef struct {
     double strength; /* of the randomisation, 0 … 1 */
     int32_t kinds, kind; /* number of kinds of robots, 0 for one; the given kind, −1 for a sampled one */
     int64_t horizon, hold; /* steps of an episode, after which success is evaluated; ticks of a step */
-    double stop[19]; /* limits of the quantities, above which a step of several ticks ends */
+    double stop[27]; /* limits of the quantities, above which a step of several ticks ends */
     int32_t truncates, autoreset; /* whether the episode ends at the horizon; sp_autoreset */
     int32_t is_commanded, is_referred; /* whether commands come from Python; whether references do */
     int32_t is_advised; /* whether the controller computes its advice where actions bypass it */
@@ -586,6 +625,81 @@ typedef struct {
     uint8_t foot_contact[4];
     uint8_t finished, is_success;
 } sp_crawl_info;
+
+/* Quantities of robots that grasp. */
+typedef struct {
+    sp_quantities common;
+    double reach; /* Distance of the torso from its place for the grip [m]. */
+    double gap; /* Mean horizontal distance of the feet from the object's sides [m]. */
+    double clear; /* Least distance of a foot from the object's sides or top [m]. */
+    double touching; /* Number of feet that touch the object. */
+    double lifted; /* Height of the object over its stand at the start [m]. */
+    double most_lifted; /* Largest such height of the episode [m]. */
+    double way; /* Distance of the object from its place at the goal; a radian of heading counts as 0.5 m [m]. */
+    double initial_way; /* That distance at the start [m]. */
+    double position_error; /* Distance of the object from its place at the goal [m]. */
+    double yaw_error; /* Absolute error of its heading, up to turns after which it looks the same [rad]. */
+    double object_tilt; /* Angle between its axis and the vertical [rad]. */
+    double object_speed; /* Speed of its middle [m/s]. */
+    double fall; /* Largest speed at which the object has fallen in this episode [m/s]. */
+    double force; /* Largest force of a foot on the object, a mean over a tenth of a second [N]. */
+    double pressed; /* Largest such force of the episode over the one that the object bears. */
+    double is_hit; /* 1 where a part other than a foot has touched the object, or one other than feet and pegs anything. */
+    double tilt; /* Angle between the torso's z axis and the vertical [rad]. */
+    double charge; /* Remaining share of the battery's usable energy, 0 … 1. */
+    double is_cut; /* 1 where the rotors have been cut in the air. */
+    double is_outside; /* 1 where the robot has left the field. */
+    double is_empty; /* 1 where the battery's usable energy is used up. */
+} sp_grasp_quantities;
+
+/* The task of grasping. */
+typedef struct {
+    sp_rules rules;
+    sp_manager_config manager;
+    double shapes[3]; /* share of each shape */
+    double half_width[2], half_height[2], mass[2], friction[2], most_force[2]; /* ranges [m], [m], [kg], 1, [N] */
+    double off_centre; /* largest offset of the centre of mass along each axis, share of the half size */
+    double distance[2], turn[2], goal_distance[2], goal_turn[2], goal_yaw[2], stand[2], floor[2]; /* ranges: start → object [m], [rad]; object → goal [m], [rad]; of its heading [rad]; of stands [m] */
+    double pressure, bias, noise, turn_noise; /* of jets on faces; largest error and noise of the seen object [m], [m], [rad] */
+    double begin_height, reserve; /* of the torso at the start [m]; of the grip's limit over what is needed */
+    double placed, turned, upright, at_rest, clear_of, high; /* of a success [m], [rad], [rad], [m/s], [m], [m] */
+    double force_time, touch; /* of the mean force of a foot [s]; from which a foot touches [N] */
+    double field, ceiling; /* largest distance from the start along x and y, and height [m] */
+    int32_t is_order, decide; /* whether an action steers; ticks between its decisions */
+    double grip; /* force of each foot that the rule orders [N]; 0 as tested, −1 as told */
+} sp_grasp_rules;
+
+/* A robot that grasps: plant, controller and task. */
+typedef struct {
+    sp_plant plant;
+    sp_episode episode;
+    sp_manager manager;
+    sp_grasp_scene scene;
+    sp_rule_memory rule;
+    int32_t is_given; /* whether the scene is given, not sampled */
+    sp_seen seen; /* the object as motion capture sees it, a tick ago */
+    double place_w[3]; /* where the object belongs at the goal [m] */
+    double stood, initial_way; /* height of the object at the start [m]; distance to the goal [m] */
+    double force[4]; /* of the feet on the object, a mean over a tenth of a second [N] */
+    double most_force, most_lifted, fall, tilt, charge; /* largest so far [N], [m], [m/s]; [rad]; of the battery */
+    double arrived; /* time since which the object is delivered [s]; 0 if it is not */
+    int32_t controls, hit; /* ticks; whether a forbidden part has touched */
+    int32_t phase, grasp_phase; /* sp_manager_phase; sp_grasp_phase */
+} sp_grasp_robot;
+
+/* `info` of a grasp. */
+typedef struct {
+    sp_info info;
+    double object_error[3]; /* goal − object, world [m] */
+    double object_force[4]; /* of each foot on the object [N] */
+    double object_air[3]; /* force of the air on it, world [N] */
+    double object_com[3]; /* its centre of mass from its middle [m] */
+    double object_mass, object_friction; /* [kg], 1 */
+    double way_m, yaw_error_rad, lifted_m, time_s, charge, tilt_rad, thrust_fraction, grip_n, payload_kg;
+    double force_n, most_force_n; /* largest mean force of a foot; of the episode [N] */
+    int32_t phase_code, grasp_phase_code, tries; /* sp_manager_phase; sp_grasp_phase; of the rule */
+    uint8_t lost, refused, finished, is_success;
+} sp_grasp_info;
 
 /* Quantities of robots on a course. */
 typedef struct {

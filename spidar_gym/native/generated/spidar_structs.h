@@ -74,6 +74,21 @@ typedef struct {
     double joint_torque_limit[16]; /* Largest torque each joint servo may use [Nm]. */
 } sp_command;
 
+/* An object near the robot, and what the legs do with it. */
+typedef struct {
+    double position_w[3]; /* Origin of the object, in its middle, world [m]. */
+    double radius; /* Radius of the object for the jets [m]; 0 where they do not avoid it. */
+    double top; /* Height of its top over the origin [m]. */
+    double force; /* Force of each foot towards the object's vertical axis [N]. */
+    double payload; /* Mass that the legs carry [kg]. */
+} sp_grip;
+
+/* A horizontal disc below the rotors that no jet is to meet: the top of an object. */
+typedef struct {
+    double centre_c[3]; /* Centre from the CoG, torso axes [m]. */
+    double radius; /* Radius [m]. */
+} sp_disc;
+
 /* A pose in the plane, or a motion from one to another along an arc. */
 typedef struct {
     double x; /* Forward [m]. */
@@ -259,10 +274,109 @@ typedef struct {
     double vectoring_bandwidth; /* Bandwidth of the vectoring velocity filter [rad/s]. */
 } sp_estimator_config;
 
-/* Configuration of the manager: controllers of both gaits, take-off and landing. */
+/* Heights, speeds and thresholds of a grasp. */
+typedef struct {
+    double above; /* Height over the place of the grip at which the robot comes over an object, and to which it leaves [m]. */
+    double reach_speed; /* Largest speed of the torso to and over an object [m/s]. */
+    double near_speed; /* Largest speed of the torso while its feet surround an object that stands [m/s]. */
+    double turn_speed; /* Largest rate of the heading [rad/s]. */
+    double first_grip; /* Force of each foot with which the test lift begins [N], or the most that the object bears. */
+    double more_grip; /* Increase of that force after a test in which the feet slipped [N]. */
+    double reserve; /* Force of the grip after the test over the least that holds the object with `friction`. */
+    double friction; /* Friction that is assumed then, if the order has none. */
+    double unequal; /* Force that is added where the friction is known [N]: the feet do not press equally. */
+    double close_time; /* Time in which the feet come to the object at least [s]: faster ones knock it. */
+    double grip_time; /* Time in which the grip grows or ends [s]. */
+    double load_time; /* Time in which the payload grows or ends [s]. */
+    double test_height; /* Height of the test lift [m]. */
+    double test_time; /* Time of the test in the air, of whose second half the mean is taken [s]. */
+    double slip; /* The feet slip if the object stays this far behind in the test [m]. */
+    int32_t most_tests; /* Number of tests after which the object is left. */
+    double feel_speed; /* Speed of the descent near the expected floor [m/s]. */
+    double feel_height; /* Height over the expected floor from which that speed is used [m]. */
+    double search; /* A descent that finds no floor ends this far below the expected one [m]. */
+    double touch_error; /* The floor is found when the torso is this far above its reference [m], beyond its error before. */
+    double touch_time; /* Time for which it must be [s]. */
+    double slack; /* Height by which the torso rises while it lets go [m]: feet that are pressed down on an object knock it. */
+    double bent; /* The object is lost if a joint is this far from its angle at the contact [rad]. */
+    double away; /* The object is lost if it is this far from its place below the torso [m]. */
+    double squeeze; /* Depth by which joint setpoints lead the feet into the object in place of a grip by the allocation [m]. */
+    int32_t avoids; /* Whether the jets avoid the object as they avoid rotors and torso. */
+} sp_grasp_config;
+
+/* An object as motion capture sees it. */
+typedef struct {
+    double position_w[3]; /* Its origin, in its middle, world [m]. */
+    double quat_wo[4]; /* Its attitude. */
+} sp_seen;
+
+/* What a phase ends with, and the next begins with. */
+typedef struct {
+    double pose_w[4]; /* Torso's origin and heading (4,) [m], [rad]. */
+    double form[16]; /* Joint angles [rad]. */
+    double force; /* Force of each foot [N]. */
+    double payload; /* Mass that is carried [kg]. */
+} sp_setting;
+
+/* State of a grasp between ticks. */
+typedef struct {
+    int32_t phase; /* One of `GRASP_PHASES`. */
+    double time; /* Time in the phase [s]. */
+    double seconds; /* Duration of the phase [s]. */
+    sp_setting begin; /* Setting at the begin of the phase. */
+    sp_setting end; /* Setting at its end. */
+    double place_b[3]; /* Object's origin from the torso's at the last grip, torso axes but level [m]. */
+    double turn; /* Heading of the object beyond that of the torso at the last grip [rad]. */
+    double force; /* Force of each foot while it holds [N]. */
+    double mass; /* Mass of the object as far as it is known [kg]. */
+    double hover; /* Mean lift without the object [N]. */
+    double height; /* Height of the object over the torso before the test [m]; in `hold` the torso's error of height [m]. */
+    double stood; /* Height of the object's origin before the test [m]. */
+    int32_t tests; /* Number of tests. */
+    double total; /* Sum of a quantity over the ticks of the phase. */
+    int32_t count; /* Number of its summands. */
+    double found; /* Time for which the signs of a floor have held [s]. */
+    int32_t held; /* Whether the test lift has succeeded and the object is held. */
+    int32_t placed; /* Whether the held object stands. */
+    int32_t lost; /* Whether the object was lost. */
+    int32_t refused; /* Whether the test lift found the object too heavy or too slippery for the forces that it bears. */
+} sp_grasp_memory;
+
+/* Where and in which forms an object is held. */
+typedef struct {
+    double open[16]; /* Form around the object [rad]. */
+    double closed[16]; /* Form in which the feet touch it [rad]. */
+    double pressed[16]; /* Form in which the feet press a little [rad]. */
+    double height; /* Height of the torso's origin over the object's [m]. */
+    double yaw; /* Heading of the torso [rad]. */
+} sp_contact;
+
+/* An object, its stand, and its goal. */
+typedef struct {
+    int32_t shape; /* `box`, `cylinder` or `ball`. */
+    double half_size[3]; /* Half of length, width, height; of cylinder and ball the first is the radius, of a cylinder the last one half the height [m]. */
+    double mass; /* Mass [kg], hidden. */
+    double com[3]; /* Its centre of mass from its middle [m], hidden. */
+    double friction; /* Sliding friction of its surface, hidden. */
+    double most_force; /* Largest force that a foot may press it with [N], known. */
+    sp_pose2 start; /* Where it stands: its middle, and its heading. */
+    double stand; /* Height of the stand below it there [m]; 0 is the floor. */
+    sp_pose2 goal; /* Where it is to stand. */
+    double floor; /* Height of the stand there [m]; 0 is the floor. */
+    double bias[3]; /* Error of the object's position as motion capture sees it [m], hidden. */
+} sp_grasp_scene;
+
+/* State of the rule between decisions. */
+typedef struct {
+    int32_t tries; /* Number of times that it has ordered a grasp. */
+    double mass; /* Mass that the last test lift measured, or that is assumed [kg]. */
+} sp_rule_memory;
+
+/* Configuration of the manager: controllers of both gaits, take-off and landing, grasps. */
 typedef struct {
     sp_controller_config flight; /* Configuration of the flight controller. */
     sp_crawler_config crawl; /* Configuration of the crawler. */
+    sp_grasp_config grasp; /* Heights, speeds and thresholds of a grasp. */
     double spool_time; /* Time in which the load shifts from the floor to the rotors [s]. */
     double climb_speed; /* Largest speed of the climb after take-off [m/s]. */
     double descent_speed; /* Speed of the descent [m/s]. */
@@ -427,6 +541,7 @@ typedef struct {
     double joint_velocity[16]; /* rate of q^d [rad/s] */
     sp_compensation_memory compensation;
     sp_motion_memory motion;
+    double joint_lead[16]; /* of the last setpoints before q^d, for servos that press [rad] */
 } sp_flight_memory;
 
 /* Quantities that the controller computes from a state. */
@@ -536,8 +651,23 @@ typedef struct {
     int32_t has_form, along; /* whether `form` is valid; whether to turn towards the goal first */
     int32_t at_once; /* whether to turn during the present motion and to change the form in flight */
     double form[16]; /* joint angles during the flight [rad] */
-    double speed, height, floor; /* of the flight [m/s]; of the take-off [m]; expected height of the floor [m] */
+    double speed, height, floor; /* of the flight [m/s]; of take-off or lift [m]; of the expected floor [m] */
+    int32_t shape, has_yaw; /* of the object, as in `OBJECTS`; whether `yaw` is valid */
+    double yaw; /* heading of the object at the goal [rad] */
+    double half_size[3]; /* of the object [m] */
+    double most_force, mass, force; /* of a foot at most [N]; until it is measured [kg]; of a foot or 0 [N] */
+    double friction; /* of feet on the object; 0 where it is not known */
 } sp_waypoint;
+
+/* The phases of a grasp. */
+typedef struct {
+    sp_grasp_config config;
+    sp_grasp_memory memory;
+    sp_contact plan;
+    sp_waypoint target; /* order to grasp */
+    double joint_speed; /* largest speed of the joints [rad/s] */
+    sp_grip grip; /* of the last tick */
+} sp_grasper;
 
 /* State of the manager of both gaits between ticks. */
 typedef struct {
@@ -550,6 +680,7 @@ typedef struct {
     double floor, velocity; /* height of the CoG of the lying robot [m]; rate of the descent [m/s] */
     double believed, thrust; /* time since floor detection or form command [s]; Σλ of the last tick [N] */
     int32_t failures, rises; /* failed landings in a row; whether it takes off at the next tick */
+    int32_t begun, ends; /* whether a command of a grasp has begun; whether the mission was ended */
 } sp_manager_memory;
 
 /* The manager of both gaits. */
@@ -558,6 +689,7 @@ typedef struct {
     sp_manager_memory memory;
     sp_flight flight;
     sp_crawl crawl;
+    sp_grasper grasper;
     sp_reference reference; /* of the last tick in flight */
     sp_waypoint commands[64]; /* the present one first */
     int32_t count, knot_count; /* numbers of commands and of knots */

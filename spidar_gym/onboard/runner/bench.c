@@ -162,7 +162,7 @@ static void bench_policy(FILE *in, const sp_parameters *p, sp_recorded *recorded
             sp_policy_direct(recorded->robot, &policy, f, x, &control, &preview, &command);
         } else {
             sp_policy_flight(recorded->robot, &policy, f, x, &control, &preview, &residual);
-            sp_flight_step(f, x, &input.reference, &residual, &control, sp_own_room(recorded->robot), &command);
+            sp_flight_step(f, x, &input.reference, &residual, &control, NULL, sp_own_room(recorded->robot), &command);
         }
         stop_clock(c);
     }

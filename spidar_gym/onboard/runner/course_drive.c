@@ -87,7 +87,7 @@ static sp_fault step(sp_loop *l)
     sp_manager *m = &l->manager;
     sp_command command;
     sp_go_by_map(l);
-    sp_manager_step(m, &l->sense.state, NULL, sp_own_room(&l->mission.robot), &command);
+    sp_manager_step(m, &l->sense.state, NULL, NULL, sp_own_room(&l->mission.robot), &command);
     l->answer.phase = m->crawl.gait.phase;
     l->answer.timeouts = m->crawl.gait.timeouts;
     if (flies(m)) l->reference = m->reference;
@@ -98,19 +98,10 @@ static sp_fault step(sp_loop *l)
 /* Bring the robot to rest by the manager: a crawl cycle is completed, a flight ends with a landing here. */
 static void begin_to_end(sp_loop *l, sp_fault fault)
 {
-    sp_manager *m = &l->manager;
-    sp_waypoint land;
     l->ending = fault;
     l->by_map = 0;
     l->held = 0.0;
-    if (m->count > 0 && m->commands[0].kind == SP_LOCOMOTION_LAND) {
-        m->count = 1; /* already landing */
-        return;
-    }
-    memset(&land, 0, sizeof land);
-    land.kind = SP_LOCOMOTION_LAND;
-    land.floor = m->memory.floor - m->lying_height;
-    sp_manager_interrupt(m, &land, sp_manager_airborne(m));
+    sp_manager_end(&l->manager);
 }
 
 /* Hold the joints and fade the remaining thrust. */

@@ -188,7 +188,7 @@ static void fly(sp_loop *l, double t, sp_command *command)
     sp_residual residual;
     update_reference(l, t);
     if (!l->mission.residual) {
-        sp_flight_step(&l->flight, x, &l->reference, NULL, NULL, sp_own_room(&l->mission.robot), command);
+        sp_flight_step(&l->flight, x, &l->reference, NULL, NULL, NULL, sp_own_room(&l->mission.robot), command);
         return;
     }
     preview_at(l, t, &preview);
@@ -199,7 +199,7 @@ static void fly(sp_loop *l, double t, sp_command *command)
         return;
     }
     sp_policy_flight(&l->mission.robot, &l->policy, &l->flight, x, &control, &preview, &residual);
-    sp_flight_step(&l->flight, x, &l->reference, &residual, &control, sp_own_room(&l->mission.robot), command);
+    sp_flight_step(&l->flight, x, &l->reference, &residual, &control, NULL, sp_own_room(&l->mission.robot), command);
 }
 
 /* One tick of the controller; returns the fault. */

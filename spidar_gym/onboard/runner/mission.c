@@ -69,14 +69,13 @@ static const char *read_kind(const sp_parameters *p, sp_mission *m, char **words
 
 static const char *read_order(sp_mission *m, char **words, int count)
 {
-    int airborne = m->order_count > 0;
-    if (m->kind != SP_MISSION_COURSE) return "crawl_to, take_off, fly_to, land for a course";
-    if (airborne) airborne = m->orders[m->order_count - 1].kind == SP_LOCOMOTION_FLY_TO ||
-                             m->orders[m->order_count - 1].kind == SP_LOCOMOTION_TAKE_OFF;
+    int32_t situation = SP_ON_FLOOR;
+    if (m->kind != SP_MISSION_COURSE) return "crawl_to, take_off, fly_to, land, grasp, carry_to, place, release for a course";
+    if (m->order_count > 0) sp_cannot_follow(m->orders[m->order_count - 1].kind, &situation); /* after it */
     if (m->order_count == SP_MAX_WAYPOINTS) return "at most 64 orders at once";
     sp_waypoint *order = &m->orders[m->order_count];
     const char *valid = sp_read_order(m, words, count, order);
-    if (valid == NULL) valid = sp_cannot_follow(order->kind, &airborne);
+    if (valid == NULL) valid = sp_cannot_follow(order->kind, &situation);
     if (valid == NULL) m->order_count++;
     return valid;
 }
@@ -163,7 +162,8 @@ static const struct {
     {"flight", NULL}, {"crawl", NULL}, {"course", NULL}, {"bench", NULL}, {"form", read_form},
     {"heading", read_heading}, {"excite", sp_read_excitation}, {"move", read_move}, {"gate", sp_read_gate},
     {"goal", sp_read_goal}, {"crawl_to", read_order}, {"take_off", read_order}, {"fly_to", read_order},
-    {"land", read_order}, {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch}, {"trim", read_switch},
+    {"land", read_order}, {"grasp", read_order}, {"carry_to", read_order}, {"place", read_order}, {"release", read_order},
+    {"unrestricted", read_window}, {"estimate", read_switch}, {"residual", read_switch}, {"trim", read_switch},
     {"fence", read_limit}, {"ages", read_limit}, {"settle", read_limit}, {"tilt", read_limit},
     {"deviation", read_limit}, {"torque", read_limit}, {"speed", read_limit}, {"end", read_limit},
     {"voltage", sp_read_health}, {"servos", sp_read_health}, {"motors", sp_read_health}, {"health", sp_read_health},
@@ -179,8 +179,8 @@ static const char *read_line(const sp_parameters *p, sp_mission *m, char *line, 
     if (count == 0) return NULL;
     while (k < sizeof LINES / sizeof *LINES && strcmp(words[0], LINES[k].word) != 0) k++;
     if (k == sizeof LINES / sizeof *LINES)
-        return "flight, crawl, course, bench, form, heading, excite, move, crawl_to, take_off, fly_to, land, gate, goal, "
-               "unrestricted, estimate, residual, trim, fence, ages, settle, tilt, deviation, torque, speed, end, voltage, servos, "
+        return "flight, crawl, course, bench, form, heading, excite, move, crawl_to, take_off, fly_to, land, grasp, "
+               "carry_to, place, release, gate, goal, unrestricted, estimate, residual, trim, fence, ages, settle, tilt, deviation, torque, speed, end, voltage, servos, "
                "motors, health";
     const int is_kind = LINES[k].read == NULL;
     *kinds += is_kind;

@@ -116,10 +116,63 @@ static const char *read_fly_to(const sp_mission *m, sp_waypoint *o, char **words
     return room >= narrowest(&m->robot, form, m->manager.clearance) ? NULL : "a wider room: the form does not fit with its clearance";
 }
 
+static const char *read_grasp(const sp_mission *m, sp_waypoint *o, char **words, int count)
+{
+    static const char *const shapes[] = {"box", "cylinder", "ball"};
+    double v[8];
+    int shape = 0;
+    while (count > 1 && shape < 3 && strcmp(words[1], shapes[shape]) != 0) shape++;
+    if (count != 10 || shape == 3 || !sp_numbers(words + 1, 9, 8, v))
+        return "grasp box|cylinder|ball, half of length, width, height [m], largest FORCE of a foot [N], MASS [kg], HEIGHT [m], "
+               "FORCE of a foot [N], 0 as tested, its FRICTION, 0 unknown";
+    for (int i = 0; i < 3; i++)
+        if (!within(v[i], SP_ORDER_LEAST_SIZE, SP_ORDER_MOST_SIZE)) return "half sizes within 0.05 … 2 m";
+    if (!within(v[3], SP_ORDER_LEAST_FORCE, SP_ORDER_MOST_FORCE)) return "a force within 1 … 1000 N";
+    if (!within(v[4], 0.0, SP_ORDER_MOST_MASS)) return "a mass within 0 … 20 kg";
+    if (!within(v[5], SP_ORDER_LEAST_HEIGHT, SP_ORDER_MOST_HEIGHT)) return "a height of the lift within 0.1 … 10 m";
+    if (!within(v[6], 0.0, SP_ORDER_MOST_FORCE)) return "a force within 0 … 1000 N";
+    if (!within(v[7], 0.0, SP_ORDER_MOST_FRICTION)) return "a friction within 0 … 10";
+    o->kind = SP_LOCOMOTION_GRASP;
+    o->shape = shape;
+    sp_copy(o->half_size, v, 3);
+    o->most_force = v[3], o->mass = v[4], o->height = v[5], o->force = v[6], o->friction = v[7];
+    return sp_refuse_object(&m->robot, o);
+}
+
+static const char *read_carry_to(sp_waypoint *o, char **words, int count)
+{
+    double v[5] = {0.0};
+    if (count < 5 || count > 6 || !sp_numbers(words, count, count - 1, v) || !in_field(v, 3) || !within(v[4], -1e3, 1e3))
+        return "carry_to X Y Z of the object's middle [m] SPEED [m/s] [its YAW [rad]]";
+    if (!within(v[3], SP_ORDER_LEAST_SPEED, SP_ORDER_MOST_SPEED)) return "carry_to with a speed within 0.05 … 1.5 m/s";
+    o->kind = SP_LOCOMOTION_CARRY_TO;
+    sp_copy(o->position_w, v, 3);
+    o->speed = v[3];
+    o->has_yaw = count == 6;
+    o->yaw = v[4];
+    return NULL;
+}
+
+static const char *read_place(sp_waypoint *o, char **words, int count)
+{
+    if (!sp_numbers(words, count, 1, &o->floor) || !in_field(&o->floor, 1)) return "place HEIGHT of the surface [m]";
+    o->kind = SP_LOCOMOTION_PLACE;
+    return NULL;
+}
+
+static const char *read_release(sp_waypoint *o, char **words, int count)
+{
+    (void)words;
+    o->kind = SP_LOCOMOTION_RELEASE;
+    return count == 1 ? NULL : "release alone";
+}
+
 int sp_is_order(const char *word)
 {
-    return strcmp(word, "crawl_to") == 0 || strcmp(word, "take_off") == 0 || strcmp(word, "fly_to") == 0 ||
-           strcmp(word, "land") == 0;
+    static const char *const orders[] = {"crawl_to", "take_off", "fly_to", "land", "grasp", "carry_to", "place", "release"};
+    for (size_t k = 0; k < sizeof orders / sizeof orders[0]; k++)
+        if (strcmp(word, orders[k]) == 0) return 1;
+    return 0;
 }
 
 const char *sp_read_order(const sp_mission *m, char **words, int count, sp_waypoint *order)
@@ -128,16 +181,11 @@ const char *sp_read_order(const sp_mission *m, char **words, int count, sp_waypo
     if (strcmp(words[0], "crawl_to") == 0) return read_crawl_to(order, words, count);
     if (strcmp(words[0], "take_off") == 0) return read_take_off(order, words, count);
     if (strcmp(words[0], "land") == 0) return read_land(order, words, count);
+    if (strcmp(words[0], "grasp") == 0) return read_grasp(m, order, words, count);
+    if (strcmp(words[0], "carry_to") == 0) return read_carry_to(order, words, count);
+    if (strcmp(words[0], "place") == 0) return read_place(order, words, count);
+    if (strcmp(words[0], "release") == 0) return read_release(order, words, count);
     return read_fly_to(m, order, words, count);
-}
-
-const char *sp_cannot_follow(int32_t kind, int *airborne)
-{
-    int flies = kind == SP_LOCOMOTION_FLY_TO || kind == SP_LOCOMOTION_LAND;
-    if (flies && !*airborne) return "take_off first: the robot is on the floor there";
-    if (!flies && *airborne) return "land first: the robot is in the air there";
-    *airborne = kind == SP_LOCOMOTION_FLY_TO || kind == SP_LOCOMOTION_TAKE_OFF;
-    return NULL;
 }
 
 /* Whether the gait's queue can hold the cycles of a displacement. */
@@ -154,15 +202,15 @@ const char *sp_refuse_orders(const sp_robot *robot, const sp_manager *m, const s
                              const sp_waypoint *orders, int n, int now)
 {
     const sp_waypoint *last = m->count > 0 && !now ? &m->commands[m->count - 1] : NULL;
-    int airborne = sp_manager_airborne(m);
+    int32_t situation = sp_manager_situation(m);
     double R[9];
     sp_from_quat(state->quat_wb, R);
     sp_pose2 place = planar_pose(state->position_w, R);
     if (n + (now ? 1 : m->count) > SP_MAX_WAYPOINTS) return "at most 64 orders at once";
-    if (last != NULL) airborne = last->kind == SP_LOCOMOTION_FLY_TO || last->kind == SP_LOCOMOTION_TAKE_OFF;
+    if (last != NULL) sp_cannot_follow(last->kind, &situation); /* after it */
     for (int k = now ? 0 : -m->count; k < n; k++) { /* pending orders determine where new ones begin */
         const sp_waypoint *o = k < 0 ? &m->commands[m->count + k] : &orders[k];
-        const char *why = k < 0 ? NULL : sp_cannot_follow(o->kind, &airborne);
+        const char *why = k < 0 ? NULL : sp_cannot_follow(o->kind, &situation);
         if (why != NULL) return why;
         if (o->kind == SP_LOCOMOTION_CRAWL_TO) {
             if (k >= 0 && !reachable(robot, m, then(inverse(place), o->pose))) return "a crawl_to within reach: a shorter distance";
@@ -195,7 +243,7 @@ const char *sp_take_orders(sp_manager *m, const sp_mission *mission, const sp_ro
         if (count < 0) return "fewer words";
         if (count == 0) continue;
         if (first && count == 1 && strcmp(words[0], "now") == 0) now = 1;
-        else if (!sp_is_order(words[0])) return "now as the first line, then crawl_to, take_off, fly_to, land";
+        else if (!sp_is_order(words[0])) return "now as the first line, then crawl_to, take_off, fly_to, land, grasp, carry_to, place, release";
         else if (n == SP_MOST_ORDERS) return "at most 16 orders in a message";
         else {
             const char *valid = sp_read_order(mission, words, count, &orders[n++]);

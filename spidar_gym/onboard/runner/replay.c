@@ -47,7 +47,7 @@ const sp_allocation *sp_recorded_tick(sp_recorded *r, const sp_log_input *input,
 {
     const sp_residual *residual = input->has_residual ? &input->residual : NULL;
     if (r->head.kind == SP_LOG_FLIGHT) {
-        sp_flight_step(&r->flight, &input->state, &input->reference, residual, NULL, sp_own_room(r->robot), command);
+        sp_flight_step(&r->flight, &input->state, &input->reference, residual, NULL, NULL, sp_own_room(r->robot), command);
         return &r->flight.allocation;
     }
     sp_crawl_step(&r->crawl, &input->state, residual, sp_own_room(r->robot), command);

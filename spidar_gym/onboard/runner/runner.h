@@ -49,7 +49,6 @@ void sp_next_form(sp_loop *loop, double t); /* the mission's target of the joint
 /* orders.c: orders for the manager of both gaits. Functions return what would have been valid, or NULL if all is. */
 int sp_is_order(const char *word);
 const char *sp_read_order(const sp_mission *mission, char **words, int count, sp_waypoint *order);
-const char *sp_cannot_follow(int32_t kind, int *airborne); /* updates `airborne` to after the order */
 /* Check whether orders can follow the pending ones or, with `now`, the robot's present motion. */
 const char *sp_refuse_orders(const sp_robot *robot, const sp_manager *manager, const sp_robot_state *state,
                              const sp_waypoint *orders, int n, int now);

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from spidar_gym.envs.registry import CRAWL
+from spidar_gym.envs.registry import CRAWL, GRASP
 from spidar_gym.errors import SpidarError
 from spidar_gym.robot import FORMS, N_ROTORS, ROBOT
 from spidar_gym.sim.disturbances import FAULTS
@@ -76,7 +76,7 @@ class Page:
         """
         self.session, self.clock, self._server = session, clock, server
         self._policies = {NONE: "", **policies}
-        self.scenery = Scenery(server, trimesh, session.ground, flies=session.flies)
+        self.scenery = Scenery(server, trimesh, session.ground, session.thing, flies=session.flies)
         self._orders: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._episode: tuple[int, int] | None = None
         self._passed, self._said, self._drawn = -1, -math.inf, -math.inf
@@ -297,7 +297,7 @@ class Page:
             episode = session.seed, id(session.env)
             if episode != self._episode:
                 self._episode = episode
-                self.scenery.lay(session.ground, session.way, session.goal)
+                self.scenery.lay(session.ground, session.thing, session.way, session.goal)
             frame = session.frame
             if session.passed != self._passed and np.isfinite(frame.qpos).all():
                 self._passed = session.passed
@@ -327,7 +327,7 @@ class Page:
             position, attitude = (1e3 * np.linalg.norm(info[f"{name}_error"]) for name in ("position", "attitude"))
             lines.append(f"{position:.0f} mm, {attitude:.0f} mrad off")
         else:
-            x, y, _ = info["goal_error"].tolist()
+            x, y = info["object_error" if session.env_id == GRASP else "goal_error"].tolist()[:2]
             lines.append(f"goal {math.hypot(x, y):.2f} m away")
         return "  \n".join((*lines, lift))
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from spidar_gym.robot import N_ROTORS, ROBOT, ROTOR_SITES
 from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.object import ObjectConfig
 from spidar_gym.sim.renderer import Drawn
 from spidar_gym.sim.stage import CONTACT_LENGTH, JET_LENGTH, SHORTEST, THRUST_LENGTH
 from spidar_gym.so3 import quat_to_matrix
@@ -54,16 +55,17 @@ class Part:
 class Puppet(Drawn):
     """The robot over a floor, as meshes."""
 
-    def __init__(self, ground: GroundConfig | None) -> None:
-        """Build the robot over a floor, which is a plane by default."""
-        super().__init__(ground, film=True)
+    def __init__(self, ground: GroundConfig | None, thing: ObjectConfig | None = None) -> None:
+        """Build the robot over a floor, which is a plane by default, with an object, if there is one."""
+        super().__init__(ground, thing=thing, film=True)
+        self._has_thing = thing is not None and thing.exists
         self.parts = tuple(self._parts())
         """Parts of the robot."""
         self._rotors = [self._model.site(name).id for name in ROTOR_SITES]
         self._thrust = np.zeros(N_ROTORS)
 
     def place(self, qpos: np.ndarray, thrust: np.ndarray) -> None:
-        """Set the configuration (39,) and the rotors' thrusts (8,) [N]."""
+        """Set the configuration, (39,) or with an object (46,), and the rotors' thrusts (8,) [N]."""
         self._place(qpos)
         self._thrust = thrust
 
@@ -119,12 +121,20 @@ class Puppet(Drawn):
         colors = (255.0 * model.geom_rgba[some, :3]).astype(np.uint8)
         return model.geom_pos[some].copy(), model.geom_quat[some].copy(), 2.0 * model.geom_size[some], colors
 
+    @property
+    def thing(self) -> Part | None:
+        """The object with its present shape; None without one."""
+        if not self._has_thing:
+            return None
+        geom, body = self._model.geom("object").id, self._model.body("object").id
+        return Part("object", self._geom(geom), np.array([body]))
+
     def _rotor_frames(self) -> tuple[np.ndarray, np.ndarray]:
         return self._data.site_xpos[self._rotors], self._data.site_xmat[self._rotors].reshape(-1, 3, 3)
 
     def _parts(self) -> Iterator[Part]:
         model, alike = self._model, dict[bytes, tuple[Mesh, list[int]]]()
-        for body in range(1, model.nbody):
+        for body in range(1, model.nbody - self._has_thing):  # the object's body is the last one
             geoms = np.flatnonzero((model.geom_bodyid == body) & (model.geom_group != 3))
             if not geoms.size:
                 continue

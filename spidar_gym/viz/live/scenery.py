@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.object import ObjectConfig
 from spidar_gym.sim.stage import ARROW_COLOR, CONTACT_COLOR, JET_COLOR
 from spidar_gym.viz.live.puppet import JETS, Part, Puppet, arrows, contact_arrows, jet_mesh
 from spidar_gym.viz.live.session import Frame
@@ -63,13 +64,22 @@ def _linear(colors: np.ndarray) -> np.ndarray:
 class Scenery:
     """Contents of a server's scene."""
 
-    def __init__(self, server: Handle, trimesh: Any, ground: GroundConfig, *, flies: bool) -> None:  # noqa: ANN401 - imported late
+    def __init__(
+        self,
+        server: Handle,
+        trimesh: Any,  # noqa: ANN401 - imported late
+        ground: GroundConfig,
+        thing: ObjectConfig,
+        *,
+        flies: bool,
+    ) -> None:
         """Build the scene.
 
         Args:
             server: viser's server.
             trimesh: The module, whose meshes viser uses.
             ground: The floor; later floors must have tiles, or boxes, exactly where this one has them.
+            thing: The object, if there is one; later ones may have other shapes.
             flies: Whether there is a reference.
         """
         self._scene, self._trimesh = server.scene, trimesh
@@ -88,7 +98,7 @@ class Scenery:
         )
         self._scene.set_background_image(np.full((2, 2, 3), PLAIN, np.uint8))
         self._world = self._scene.add_frame("/world", show_axes=False)
-        self._puppet = Puppet(ground)
+        self._puppet = Puppet(ground, thing)
         self._robot = [(part, self._add_part(part)) for part in self._puppet.parts]
         self._thrust = self._add_arrows("/world/thrust", np.zeros((8, 2, 3)), _rgb(ARROW_COLOR))
         nothing = contact_arrows(np.zeros((0, 6)))
@@ -102,7 +112,8 @@ class Scenery:
         self._goal = self._scene.add_frame("/world/goal", axes_length=0.25, axes_radius=0.012)
         self._flies, self._hidden = flies, set[str]()
         self._static: list[Handle] = []
-        self._ground: GroundConfig | None = None
+        self._thing: Handle | None = None
+        self._laid: tuple[GroundConfig, ObjectConfig] | None = None
         self.hide("", is_hidden=False)
 
     def _look(self, client: Handle) -> None:
@@ -121,11 +132,18 @@ class Scenery:
         client.camera.on_update(look)
         look(client.camera)
 
-    def lay(self, ground: GroundConfig, way: np.ndarray | None, goal: tuple[float, float, float] | None) -> None:
-        """Show the floor, the path and the goal of an episode."""
-        if ground is not self._ground:
-            self._puppet.lay(ground)
-            self._ground = ground
+    def lay(
+        self, ground: GroundConfig, thing: ObjectConfig, way: np.ndarray | None,
+        goal: tuple[float, float, float] | None,
+    ) -> None:  # fmt: skip
+        """Show the floor, the object, the path and the goal of an episode."""
+        if self._laid is None or ground is not self._laid[0] or thing is not self._laid[1]:
+            self._puppet.lay(ground, thing)
+            self._laid = ground, thing
+        if self._thing is not None:
+            self._thing.remove()
+        part = self._puppet.thing
+        self._thing = None if part is None else self._add_part(part)
         for handle in self._static:
             handle.remove()
         position, wxyz = self._puppet.floor()
@@ -172,6 +190,8 @@ class Scenery:
         puppet.place(frame.qpos, frame.thrust)
         for part, handle in self._robot:
             handle.batched_positions, handle.batched_wxyzs = puppet.poses(part)
+        if self._thing is not None and (part := puppet.thing) is not None:
+            self._thing.batched_positions, self._thing.batched_wxyzs = puppet.poses(part)
         self._thrust.points = puppet.arrows()
         exits, quats, lengths = puppet.jets()
         opacities = puppet.jet_opacities()

@@ -15,8 +15,9 @@ from spidar_gym.control.presets import CRAWL_PRESETS, PRESETS, controller_config
 from spidar_gym.envs.course_env import CourseEnv
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.env import SpidarEnv
+from spidar_gym.envs.grasp_env import GraspEnv
 from spidar_gym.envs.hover_env import HoverEnv
-from spidar_gym.envs.registry import COURSE, CRAWL, HOVER, PATH, environment
+from spidar_gym.envs.registry import COURSE, CRAWL, GRASP, HOVER, PATH, environment
 from spidar_gym.errors import InvalidValueError, require_name, require_within
 from spidar_gym.policies.actor import Actor
 from spidar_gym.policies.load import load_policy
@@ -26,6 +27,7 @@ from spidar_gym.policies.source import PolicyError
 from spidar_gym.robot import FORMS, N_LEGS
 from spidar_gym.sim.disturbances import Disturbances
 from spidar_gym.sim.ground import GroundConfig
+from spidar_gym.sim.object import ObjectConfig
 from spidar_gym.tasks.hover import SEQUENCES
 from spidar_gym.viz.live.steered import SteeredHover, SteeredPath
 from spidar_gym.viz.live.traces import Traces, row
@@ -40,10 +42,12 @@ ENDLESS, PATHS_END = 3600.0, 60.0
 """Length of an episode of a hover and of a path [s]; then the next begins."""
 REST = 2.0
 """Time for which an ended episode stays visible before the next begins [s]."""
-_KINDS: dict[str, type[SpidarEnv]] = {HOVER: SteeredHover, PATH: SteeredPath, CRAWL: CrawlEnv, COURSE: CourseEnv}
+_KINDS: dict[str, type[SpidarEnv]] = {
+    HOVER: SteeredHover, PATH: SteeredPath, CRAWL: CrawlEnv, COURSE: CourseEnv, GRASP: GraspEnv,
+}  # fmt: skip
 _PRESETS: dict[str, str] = {
     env_id: inspect.signature(kind).parameters["preset"].default
-    for env_id, kind in {HOVER: HoverEnv, PATH: HoverEnv, CRAWL: CrawlEnv, COURSE: CourseEnv}.items()
+    for env_id, kind in {**_KINDS, HOVER: HoverEnv, PATH: HoverEnv}.items()
 }
 """The environments' default presets."""
 
@@ -55,7 +59,7 @@ class Frame:
     time: float
     """Time since the episode began [s]."""
     qpos: np.ndarray
-    """Configuration of the simulated robot, (39,)."""
+    """Configuration of the simulated robot, (39,), and of the object, if there is one, (46,)."""
     thrust: np.ndarray
     """Thrust of the rotors, (8,) [N]."""
     contacts: np.ndarray
@@ -226,7 +230,7 @@ class Session:
             if terminated:
                 self.over = self.info["failure"]
             elif self.info.get("finished"):
-                self.over = "arrived"
+                self.over = "delivered" if self.env_id == GRASP else "arrived"
             elif self.env.ticks >= self.env.horizon:
                 self.over = "time is up"
         if np.isfinite(self.env.plant.data.qpos).all():
@@ -254,6 +258,11 @@ class Session:
         return self.env.plant.config.ground
 
     @property
+    def thing(self) -> ObjectConfig:
+        """The object of this episode."""
+        return self.env.plant.config.object
+
+    @property
     def way(self) -> np.ndarray | None:
         """Points of this episode's path, (n, 3) [m]; None without a path."""
         path = self._flight.path if self.flies else None
@@ -265,8 +274,10 @@ class Session:
 
     @property
     def goal(self) -> tuple[float, float, float] | None:
-        """Goal of a robot on the ground: x, y [m], heading [rad]; None in flight."""
-        if isinstance(self.env, CourseEnv):
+        """Goal of a robot on the ground, or of an object: x, y [m], heading [rad]; None in flight."""
+        if isinstance(self.env, GraspEnv):
+            pose = self.env.scene.goal
+        elif isinstance(self.env, CourseEnv):
             pose = self.env.course.goal
         elif isinstance(self.env, CrawlEnv):
             pose = self.env.progress.goal
@@ -276,7 +287,8 @@ class Session:
 
     def _phase(self) -> str:
         if not self.flies:
-            return str(self.info["phase"])
+            phase = str(self.info["phase"])
+            return str(self.info["grasp_phase"]).replace("_", " ") if phase == "grasp" else phase
         progress = self._flight.progress
         return "hovers" if np.array_equal(progress.plan(), progress.goal.joint_target) else "legs move"
 

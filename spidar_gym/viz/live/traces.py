@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from spidar_gym.control.flight.controller import CONTROL_RATE
-from spidar_gym.envs.registry import COURSE, CRAWL
+from spidar_gym.envs.registry import COURSE, CRAWL, GRASP
 from spidar_gym.native.plant import Plant
 from spidar_gym.robot import ROBOT
 
@@ -48,11 +48,16 @@ HOPS = (
     Plot("lift and charge [%]", ("thrust / weight", "charge"), 150.0, 0.0),
     SHARES,
 )
+GRASPS = (
+    Plot("way of the object to its place, its lift [m]", ("way", "lift"), 1.0, 0.0),
+    Plot("largest force of a foot [N]", ("force",), 40.0, 0.0),
+    SHARES,
+)
 
 
 def plots(env_id: str) -> tuple[Plot, ...]:
     """Return the plots of an environment."""
-    return {CRAWL: GROUND, COURSE: HOPS}.get(env_id, FLIGHT)
+    return {CRAWL: GROUND, COURSE: HOPS, GRASP: GRASPS}.get(env_id, FLIGHT)
 
 
 def row(env_id: str, info: Mapping[str, Any], plant: Plant) -> list[float]:
@@ -69,6 +74,8 @@ def row(env_id: str, info: Mapping[str, Any], plant: Plant) -> list[float]:
     if env_id == COURSE:
         x, y, _ = info["goal_error"].tolist()
         return [x, y, 100.0 * info["thrust_fraction"], 100.0 * info["charge"], *shares]
+    if env_id == GRASP:
+        return [info["way_m"], info["lifted_m"], info["force_n"], *shares]
     if env_id == CRAWL:
         x, y, yaw = (1e3 * info["goal_error"]).tolist()
         return [x, y, yaw, 1e3 * info["tilt_rad"], *shares]

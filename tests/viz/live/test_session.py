@@ -11,7 +11,7 @@ from spidar_gym.control.flight.controller import CONTROL_RATE
 from spidar_gym.envs.crawl_env import CrawlEnv
 from spidar_gym.envs.hover_env import HoverEnv
 from spidar_gym.envs.path_env import PathEnv
-from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, HOVER, PATH
+from spidar_gym.envs.registry import COURSE, CRAWL, ENVIRONMENTS, GRASP, HOVER, PATH
 from spidar_gym.errors import InvalidValueError, UnknownArgumentError, UnknownNameError
 from spidar_gym.policies.source import PolicyError
 from spidar_gym.robot import FORMS, N_LEGS
@@ -73,7 +73,7 @@ def test_a_crawl_without_inputs_is_the_environments(begun):
 def test_a_frame_has_what_the_page_shows(begun, env_id):
     session = begun(env_id)
     frame = played(session, 60)[-1]
-    assert frame.qpos.shape == (39,)
+    assert frame.qpos.shape == ((46,) if env_id == GRASP else (39,))
     assert frame.thrust.shape == (8,)
     assert frame.contacts.shape[1] == 6
     assert frame.time == pytest.approx(60 / CONTROL_RATE)
@@ -85,7 +85,7 @@ def test_a_frame_has_what_the_page_shows(begun, env_id):
     assert session.ground.boxed == (env_id == COURSE)
     if not session.flies:
         weight = frame.contacts[:, 5].sum() + frame.thrust.sum()
-        assert len(frame.contacts) >= 3
+        assert (len(frame.contacts) >= 3) == (env_id != GRASP)  # it begins in the air
         assert 50.0 < weight < 500.0
 
 
