@@ -58,10 +58,7 @@ class GraspScene:
         """Raise `InvalidValueError` for a scene that cannot be."""
         require_name("shape", self.shape, OBJECTS)
         for name in ("half_size", "com", "bias"):
-            given = np.asarray(getattr(self, name), float)
-            if given.shape != (3,) or not np.isfinite(given).all():
-                raise InvalidValueError(name, np.shape(given), "three finite numbers [m]")
-            object.__setattr__(self, name, given)
+            object.__setattr__(self, name, _three(name, getattr(self, name)))
         require_holdable(self.shape, self.half_size)
         require_within(0.05, 20.0, "kg", mass=self.mass)
         require_within(0.0, 10.0, "1", friction=self.friction)
@@ -82,6 +79,17 @@ class GraspScene:
     def turns_alike(self) -> float:
         """Angle after a turn by which it looks the same: 90° for a box, 0 for round ones [rad]."""
         return 0.5 * math.pi if self.shape == "box" else 0.0
+
+
+def _three(name: str, given: Any) -> Vector3:  # noqa: ANN401 - user input
+    """Return three finite numbers as an array (`InvalidValueError` for anything else)."""
+    try:
+        found = np.asarray(given, float)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if found.shape != (3,) or not np.isfinite(found).all():
+        raise InvalidValueError(name, given, "three finite numbers [m]")
+    return found
 
 
 def needed_force(mass: float, com: Vector3, half_width: float, friction: float) -> float:
@@ -116,4 +124,6 @@ def parse_scene(given: Any) -> GraspScene | None:  # noqa: ANN401 - user input
         if isinstance(numbers.get(name), list | tuple | Mapping):
             pose = numbers[name]
             numbers[name] = Pose2(**pose) if isinstance(pose, Mapping) else Pose2(*(float(each) for each in pose))
+    for name in {"half_size", "com", "bias"} & numbers.keys():
+        numbers[name] = _three(name, numbers[name])
     return GraspScene(**numbers)
