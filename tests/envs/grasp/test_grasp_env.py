@@ -152,7 +152,8 @@ def test_scenes_that_cannot_be_are_refused_in_one_line(given, reason):
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"mass": (3.0, 0.3)}, "the least value first"), pytest.param({"mass": 1.0}, "least and largest", marks=pytest.mark.unchecked),
+        ({"mass": (3.0, 0.3)}, "the least value first"),
+        pytest.param({"mass": 1.0}, "least and largest", marks=pytest.mark.unchecked),
         ({"shapes": ()}, "any of"),
         ({"half_width": (0.0, 0.3)}, "0.14"), ({"shapes": ("cone",)}, "box"), ({"gait": "robust"}, "gait"),
     ],
