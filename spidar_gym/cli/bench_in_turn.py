@@ -50,7 +50,7 @@ CROWD = 16
 """Number of robots on which an effect is timed."""
 _SCENE = GraspScene(start=Pose2(0.3), goal=Pose2(3.0))
 _FAR = GraspScene(start=Pose2(4.0), goal=Pose2(1.0))
-_GRASP: dict[str, Any] = {"id": GRASP, "randomization": WORLD, "action_mode": "residual"}
+_GRASP: dict[str, Any] = {"id": GRASP, "randomization": WORLD}
 GRASPS: dict[str, tuple[dict[str, Any], int]] = {
     "Hover": ({"id": HOVER, "randomization": WORLD}, 100),
     "Crawl": ({"id": CRAWL, "randomization": WORLD}, 100),
@@ -110,7 +110,7 @@ def grasps(seconds: float) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for robots in HERDS:
         ticks = max(2, round(512 * seconds / robots))
-        pairs = [(_warm(arguments, warm, robots)) for arguments, warm in GRASPS.values()]
+        pairs = [_warm(arguments, warm, robots) for arguments, warm in GRASPS.values()]
         times = np.array([[_resumed(env, saved, ticks, robots) for env, saved in pairs] for _ in range(TURNS // 2)])
         for env, _ in pairs:
             env.close()

@@ -10,7 +10,7 @@ from spidar_gym.control.locomotion.commands import (
     SIZES,
     SPEEDS,
     STEEPEST,
-)  # fmt: skip
+)
 from spidar_gym.control.locomotion.orders import PHASES
 from spidar_gym.native.codegen.header import (
     array,

@@ -203,8 +203,8 @@ def grasp_strip(path: Path) -> None:
     _moments(env, list(_held(env, GRASP_SEED)), path)
 
 
-def _with_object(**options: Any) -> GraspEnv:  # noqa: ANN401 - of the environment
-    env = gymnasium.make(GRASP, **options).unwrapped
+def _with_object() -> GraspEnv:
+    env = gymnasium.make(GRASP).unwrapped
     assert isinstance(env, GraspEnv)
     return env
 

@@ -68,6 +68,32 @@ def test_the_test_lift_measures_the_mass_and_grips_harder_where_feet_slip():
     np.testing.assert_allclose(mission.plant.object().position_w[:2], [3.0, 0.8], atol=0.03)
 
 
+def first_force(kind=CoreManager, **options):
+    """Return the force of the first grip of an order to grasp with these options [N]."""
+    mission = Mission(kind=kind)
+    commands = whole(BOX)
+    commands[2] = replace(commands[2], **options)
+    mission.fly(commands, until=lambda: mission.manager.grasp_phase == "rise")
+    assert mission.manager.grasp_phase == "rise"
+    if kind is Manager:
+        return mission.manager.grasper.memory.force
+    return float(mission.manager.whole.record["grasper"]["memory"]["force"])
+
+
+@pytest.mark.parametrize(("mass", "friction"), [(2.0, 0.8), (2.0, 0.4), (1.0, 0.4)])
+def test_a_known_friction_sets_the_first_grip_in_both_managers(mass, friction):
+    """The least force that holds the object, by Coulomb's law with four feet, half as much again, and 5 N."""
+    expected = 1.5 * mass * 9.81 / (4.0 * friction) + 5.0
+    for kind in (CoreManager, Manager):
+        assert first_force(kind, mass=mass, friction=friction) == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.parametrize(("options", "force"), [({"most_force": 9.0}, 9.0), ({"force": 14.0}, 14.0)])
+def test_an_object_that_bears_less_and_a_given_force_go_before_the_friction(options, force):
+    for kind in (CoreManager, Manager):
+        assert first_force(kind, mass=3.0, friction=0.3, **options) == force
+
+
 @pytest.mark.parametrize("thing", [replace(BOX, mass=9.0), replace(BOX, friction=0.05)], ids=["heavy", "slippery"])
 def test_what_cannot_be_held_is_left_where_it_stands(thing):
     mission = Mission(thing).fly(whole(thing))
@@ -183,6 +209,7 @@ def test_a_hold_refuses_a_flight():
     [
         (lambda: Grasp("cone"), "box"), (lambda: Grasp(half_size=np.zeros(3)), "0.05 … 2 m"),
         (lambda: Grasp(most_force=0.0), r"1 … 1000 \[N\]"), (lambda: Grasp(mass=-1.0), r"0 … 20 \[kg\]"),
+        (lambda: Grasp(friction=-0.1), "0 … 10"),
         (lambda: Grasp(height=20.0), r"0.1 … 10 \[m\]"), (lambda: CarryTo((500.0, 0.0, 0.0)), r"-100 … 100 \[m\]"),
         (lambda: CarryTo((0.0, 0.0, 1.0), speed=9.0), "m/s"), (lambda: Place(float("nan")), r"-100 … 100 \[m\]"),
     ],
